@@ -1,12 +1,11 @@
 """Find and read the cameras of a scene folder, in any supported format."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from fecocodec.camera_files.camera_names import ARCHIVE_SUFFIXES, has_camera_name
-from fecocodec.camera_files.formats import camera_files, cameras_elsewhere, has_images_of, read_format
+from fecocodec.camera_files.formats import camera_files, cameras_elsewhere, named_images, read_format
 from fecocodec.camera_files.image_matching import short_name
 from fecocodec.camera_files.other_cameras import unread_cameras
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
@@ -43,7 +42,8 @@ def read_cameras(path: StrPath, *, are_images_needed: bool = True) -> PosedPhoto
         folder = path if path.is_dir() else path.parent
         others = _others(folder, found)
         remarks = _remarks(folder, found, others) if path.is_dir() else []
-        posed_elsewhere = _images_of(folder, others)
+        # Of COLMAP models, which may take seconds to read, it is not known.
+        posed_elsewhere = frozenset(image for path in others if path.is_file() for image in named_images(path))
     except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions.") from error
@@ -68,15 +68,6 @@ def _others(folder: Path, found: list[Path]) -> list[Path]:
     return [path for path in dict.fromkeys((*found, *further)) if path != found[0]]
 
 
-def _images_of(folder: Path, others: list[Path]) -> frozenset[Path]:
-    """Return the images of other camera files; not of COLMAP models, which may take seconds to read."""
-    images = set[Path]()
-    for path in others:
-        with suppress(InputError):
-            images |= {image.path for image in read_format(folder, path).photographs} if path.is_file() else set()
-    return frozenset(images)
-
-
 def _remarks(folder: Path, found: list[Path], others: list[Path]) -> list[str]:
     """Return sentences on camera files beside the first, which is read."""
     notes = []
@@ -96,7 +87,7 @@ def why_no_cameras(path: Path, *, are_images_needed: bool = True) -> str:
     """Return why an existing path gives no cameras, and what to do."""
     if not path.is_dir():
         return _of_file(path)
-    if are_images_needed and not _has_images(path):
+    if are_images_needed and not any(has_image_name(file) and file.exists() for file in _files(path)):
         return _without_photographs(path)
     if notes := unread_cameras_notes(path, outcome=""):
         return one_sentence(["no cameras found", *notes])
@@ -128,7 +119,8 @@ def _without_photographs(path: Path) -> str:
     if len(scenes) > 1:
         return f"no photographs found, but {len(scenes)} folders with cameras; give one of them, as {scenes[0]}."
     elsewhere = cameras_elsewhere(path)
-    if usable := next(filter(has_images_of, (*scenes, *elsewhere)), None):
+    with_images = (found for found in (*scenes, *elsewhere) if any(image.is_file() for image in named_images(found)))
+    if usable := next(with_images, None):
         others = " and elsewhere" if len(elsewhere) > 1 else ""
         return f"no photographs found here, but cameras in {usable}{others}; give that."
     return _elsewhere(path, elsewhere)
@@ -156,11 +148,6 @@ def _elsewhere(folder: Path, cameras: list[Path]) -> str:
 
 def _images_at(folder: Path, pattern: str) -> Iterator[Path]:
     return (path for path in folder.glob(pattern) if has_image_name(path) and not path.parent.name.startswith("."))
-
-
-def _has_images(folder: Path) -> bool:
-    """Return whether the folder or its folder `images` holds a file with the name of an image."""
-    return any(has_image_name(path) and path.exists() for path in _files(folder))
 
 
 def _files(folder: Path) -> list[Path]:

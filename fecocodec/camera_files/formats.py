@@ -64,8 +64,9 @@ def _cameras_at(path: Path, is_here: bool) -> Path | None:
     return path if is_one else None
 
 
-def has_images_of(path: Path) -> bool:
-    """Return whether cameras can be read from a camera file or folder, and an image of theirs is there."""
+def named_images(path: Path) -> list[Path]:
+    """Return the images, which need not exist, of the cameras of a file or folder; none if these cannot be read."""
     with suppress(InputError, OSError):
-        return any(photograph.path.is_file() for photograph in read_format(path, camera_files(path)[0]).photographs)
-    return False
+        for found in camera_files(path)[:1]:
+            return [photograph.path for photograph in read_format(path, found).photographs]
+    return []

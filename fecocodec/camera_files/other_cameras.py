@@ -93,7 +93,9 @@ def unread_cameras_around(folder: Path, read: set[Path], *, is_near: bool) -> st
 def program_of(path: Path) -> str:
     """Return the program whose camera file this is, empty if it is of no known kind."""
     kinds = _KINDS_BY_SUFFIX.get(path.suffix, ())  # of thousands of files, most are of none
-    return next((kind.program for kind in kinds if path.match(kind.pattern) and _has(path, kind.content)), "")
+    return next(
+        (kind.program for kind in kinds if path.match(kind.pattern) and re.search(kind.content, head_of(path))), ""
+    )
 
 
 def _listed(folder: Path, found: Iterable[tuple[str, Path]]) -> str:
@@ -137,7 +139,3 @@ def _is_of_cameras(path: Path) -> bool:
 def _top(folder: Path, path: Path) -> Path:
     """Return the file or folder in `folder` that is or holds `path`."""
     return folder / path.relative_to(folder).parts[0]
-
-
-def _has(path: Path, content: bytes) -> bool:
-    return not content or re.search(content, head_of(path)) is not None

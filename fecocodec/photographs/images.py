@@ -38,7 +38,7 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
 
     Raises InputError if the file is missing, damaged, too large (64 megapixels, 512 MiB), or of another format.
     """
-    return read_image_and_alpha(path)[0]
+    return read_photograph(path).colour
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,6 @@ class Photograph:
     alpha: Float[Tensor, "height width"] | None
     clipped: float = 0.0
     blackened: float = 0.0
-
-
-def read_image_and_alpha(
-    path: StrPath, background: Background = "white"
-) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Read colour and opacity as `read_photograph` does."""
-    photograph = read_photograph(path, background)
-    return photograph.colour, photograph.alpha
 
 
 def read_photograph(path: StrPath, background: Background = "white") -> Photograph:

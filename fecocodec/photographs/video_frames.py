@@ -117,7 +117,8 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, Stream]]:
         with av.open(str(video)) as container:
             if not container.streams.video:
                 raise InputError(f"{video}: there is no video in this file; give a video or a folder of photographs.")
-            stream: Any = max(container.streams.video, key=_frames_and_size)  # a picture of the cover may come first
+            # A picture of the cover may come first. Files need not state their number of frames, which is then 0.
+            stream: Any = max(container.streams.video, key=lambda one: (one.frames, one.width * one.height))
             stream.thread_type = "AUTO"
             coded = stream.codec_context
             start, damage.stated = _stated_span(container, stream)
@@ -174,11 +175,6 @@ def _unreadable(video: Path, reason: str | None) -> str:
         f"{video}: the video cannot be read ({reason or 'damaged frames'}); it is damaged, cut short or of an unknown "
         "kind: copy it again, or convert it to MP4 (H.264)."
     )
-
-
-def _frames_and_size(stream: Any) -> tuple[int, int]:
-    """Return the number of frames, 0 if the file does not state it, and the pixels of a frame."""
-    return stream.frames, stream.width * stream.height
 
 
 def _measured(grey: UInt8[np.ndarray, "height width"]) -> tuple[float, Float[np.ndarray, "rows columns"]]:

@@ -12,7 +12,7 @@ from PIL import Image, ImageOps
 
 from fecocodec.errors import InputError, OutputError
 from fecocodec.photographs.image_headers import has_image_name, is_upright, read_image_size
-from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha, write_image
+from fecocodec.photographs.images import decode_image, read_image, read_photograph, write_image
 from fecocodec.photographs.pillow_images import unreadable, upright_with_pillow
 
 HEIGHT, WIDTH = 40, 56
@@ -76,7 +76,8 @@ def test_sixteen_bit_grey_with_transparency(tmp_path):
     samples = np.zeros((HEIGHT, WIDTH, 2))
     samples[..., 0], samples[..., 1] = 40_001, 13_000
     (tmp_path / "image.png").write_bytes(png_of_sixteen_bits(samples))
-    colour, alpha = read_image_and_alpha(tmp_path / "image.png", "black")
+    photograph = read_photograph(tmp_path / "image.png", "black")
+    colour, alpha = photograph.colour, photograph.alpha
     torch.testing.assert_close(alpha, torch.full((HEIGHT, WIDTH), 13_000 / 65535), atol=1e-6, rtol=0)
     torch.testing.assert_close(colour / alpha, torch.full((3, HEIGHT, WIDTH), 40_001 / 65535), atol=1e-6, rtol=0)
 
@@ -218,21 +219,22 @@ def test_opacity_is_returned_beside_the_composited_colour(tmp_path):
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
     pixels[..., 3] = 51
     Image.fromarray(pixels).save(tmp_path / "image.png")
-    colour, alpha = read_image_and_alpha(str(tmp_path / "image.png"))
+    photograph = read_photograph(str(tmp_path / "image.png"))
+    colour, alpha = photograph.colour, photograph.alpha
     torch.testing.assert_close(colour, torch.full((3, HEIGHT, WIDTH), 0.8))
     torch.testing.assert_close(alpha, torch.full((HEIGHT, WIDTH), 0.2))
     Image.fromarray(pixels[..., :3]).save(tmp_path / "opaque.png")
-    assert read_image_and_alpha(tmp_path / "opaque.png")[1] is None
+    assert read_photograph(tmp_path / "opaque.png").alpha is None
 
 
 def test_opaque_alpha_is_no_alpha(tmp_path):
     """Else the same file would be measured against another background."""
     pixels = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
     Image.fromarray(pixels).save(tmp_path / "image.png")
-    assert read_image_and_alpha(tmp_path / "image.png")[1] is None
+    assert read_photograph(tmp_path / "image.png").alpha is None
     pixels[3, 2, 3] = 254
     Image.fromarray(pixels).save(tmp_path / "image.png")
-    assert read_image_and_alpha(tmp_path / "image.png")[1] is not None
+    assert read_photograph(tmp_path / "image.png").alpha is not None
 
 
 def test_an_unknown_suffix_is_not_written(tmp_path):
