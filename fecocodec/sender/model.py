@@ -72,17 +72,13 @@ class PictureFeedbackExtractor(FeedbackExtractor):
         return F.pixel_unshuffle(torch.cat((2.0 * images - 1.0, 2.0 * renderings - 1.0), dim=1), FEATURES)
 
 
-def _depthsplat_small(config: PaperSenderConfig, channels: int) -> nn.Module:
-    return DepthSplatSmall(config.geometry, config.matching_scale)
-
-
 def _adapted(config: AdaptedSenderConfig, channels: int) -> nn.Module:
     raise ModelError(f"extractor {config.extractor}: its own network is needed too; use `load_adapted_sender`.")
 
 
 EXTRACTORS: dict[type[CodecConfig], Build] = {
     SenderConfig: CompactExtractor,
-    PaperSenderConfig: _depthsplat_small,
+    PaperSenderConfig: lambda config, channels: DepthSplatSmall(config.geometry, config.matching_scale),
     LargeSenderConfig: lambda config, channels: ConditionedAdapter(DepthSplatBase(), channels),
     AdaptedSenderConfig: _adapted,
 }
