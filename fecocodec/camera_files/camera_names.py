@@ -8,6 +8,7 @@ from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
+from fecocodec.input_file import first_bytes
 from fecocodec.photographs.image_headers import has_image_name
 
 HEAD_BYTES = 8192
@@ -74,26 +75,15 @@ def has_poses(path: Path, count: int) -> bool:
     try:
         suffix, size = path.suffix.lower(), path.stat().st_size
         if suffix == ".npy":
-            shape = _SHAPE.search(head_of(path))
+            shape = _SHAPE.search(first_bytes(path, HEAD_BYTES))
             return shape is not None and int(shape[1]) == count
         if suffix in (".json", ".jsonl"):
-            return _KEYS.search(head_of(path)) is not None
+            return _KEYS.search(first_bytes(path, HEAD_BYTES)) is not None
         if suffix not in (".txt", ".csv", ".log", ".dat") or size > _LARGEST_TEXT:
             return False
         return _is_table_of_poses(path.read_text("utf-8", "replace"), count)
     except OSError:
         return False
-
-
-def head_of(path: Path) -> bytes:
-    """Return the first bytes of a file; none of what is no regular file or cannot be read."""
-    try:
-        if not path.is_file():
-            return b""
-        with path.open("rb") as file:
-            return file.read(HEAD_BYTES)
-    except OSError:
-        return b""
 
 
 def words_of(name: str) -> list[str]:

@@ -5,8 +5,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fecocodec.camera_files.camera_names import ARCHIVE_SUFFIXES, has_camera_name, has_poses, head_of, walk, words_of
+from fecocodec.camera_files.camera_names import (
+    ARCHIVE_SUFFIXES,
+    HEAD_BYTES,
+    has_camera_name,
+    has_poses,
+    walk,
+    words_of,
+)
 from fecocodec.errors import some_of
+from fecocodec.input_file import first_bytes
 from fecocodec.photographs.image_headers import has_image_name
 
 _MOST_NAMED = 4
@@ -93,9 +101,9 @@ def unread_cameras_around(folder: Path, read: set[Path], *, is_near: bool) -> st
 def program_of(path: Path) -> str:
     """Return the program whose camera file this is, empty if it is of no known kind."""
     kinds = _KINDS_BY_SUFFIX.get(path.suffix, ())  # of thousands of files, most are of none
-    return next(
-        (kind.program for kind in kinds if path.match(kind.pattern) and re.search(kind.content, head_of(path))), ""
-    )
+    found = [kind for kind in kinds if path.match(kind.pattern)]
+    head = first_bytes(path, HEAD_BYTES) if any(kind.content for kind in found) else b""
+    return next((kind.program for kind in found if re.search(kind.content, head)), "")
 
 
 def _listed(folder: Path, found: Iterable[tuple[str, Path]]) -> str:

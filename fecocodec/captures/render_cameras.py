@@ -81,12 +81,7 @@ def _read(path: Path, views: Selection | None, size: tuple[int, int] | None) -> 
     require_float32_range(poses, str(scene.cameras_path))
     intrinsics = np.stack([framed_intrinsics(pinhole, image_size) for pinhole in pinholes])
     near, far = known_depth_bounds(scene) or (float("nan"), float("nan"))
-    cameras = Cameras(
-        extrinsics=torch.from_numpy(poses.astype(np.float32)),
-        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
-        near=torch.tensor(near, dtype=torch.float32),
-        far=torch.tensor(far, dtype=torch.float32),
-    )
+    cameras = Cameras.in_float32(poses, intrinsics, near, far)
     names = _distinct(tuple(photograph.path.stem for photograph in photographs))
     return RenderCameras(cameras, image_size, names, not np.isnan(near), frames_per_second, (*scene.remarks, *notes))
 

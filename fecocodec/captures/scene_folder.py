@@ -127,12 +127,7 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, ma
         _framed_pixels(photograph, lenses, chosen.image_size, background or "white", masks)
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
-    cameras = Cameras(
-        extrinsics=torch.from_numpy(chosen.extrinsics.astype(np.float32)),
-        intrinsics=torch.from_numpy(chosen.intrinsics.astype(np.float32)),
-        near=torch.tensor(torch.nan),
-        far=torch.tensor(torch.nan),
-    )
+    cameras = Cameras.in_float32(chosen.extrinsics, chosen.intrinsics, torch.nan, torch.nan)
     shape = chosen.image_size
     ignored = _stacked([one.ignored for one in read], torch.zeros(shape, dtype=torch.bool))
     return Views(

@@ -11,7 +11,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from fecocodec.errors import InputError, installation
-from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
+from fecocodec.input_file import MAX_IMAGE_PIXELS, first_bytes, require_regular_file
 from fecocodec.photographs.colour import adobe_rgb_to_srgb, profile_to_srgb
 from fecocodec.photographs.orientation import LAST_ORIENTATION, UPRIGHT, as_stored, turned_upright
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
@@ -179,10 +179,7 @@ def _register_heic(place: Path | str) -> None:
 
 def _head(source: Path | BytesIO, count: int) -> bytes:
     """Return the first `count` bytes, or all of them."""
-    if isinstance(source, BytesIO):
-        return source.getvalue()[:count]
-    with source.open("rb") as file:
-        return file.read(count)
+    return source.getvalue()[:count] if isinstance(source, BytesIO) else first_bytes(source, count)
 
 
 def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:
