@@ -161,10 +161,7 @@ def rate_control_options(function: Function) -> Function:
 
 
 def target_of(target_kib: float | None, target_psnr: float | None, target_new_psnr: float | None) -> Target | None:
-    """Return the rate-control target, or None to encode at --lambda.
-
-    Raises UsageError for options that exclude each other.
-    """
+    """Return the target, or None to encode at --lambda. Raises UsageError for options that exclude each other."""
     given = {
         "--target-kib": target_kib and AtMostKib(target_kib),
         "--target-psnr": target_psnr and AtLeastPsnr(target_psnr),

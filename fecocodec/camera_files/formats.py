@@ -44,10 +44,7 @@ def read_format(path: Path, found: Path) -> PosedPhotographs:
 
 
 def cameras_elsewhere(folder: Path) -> list[Path]:
-    """Return cameras of these formats in and below a folder that has none where they usually lie.
-
-    Folders of COLMAP may lack a table.
-    """
+    """Return cameras in and below a folder that has none where they usually lie. Folders of COLMAP may lack a table."""
     return list(dict.fromkeys(found for path in walk(folder) if (found := _cameras_at(path, path.parent == folder))))
 
 

@@ -16,10 +16,7 @@ _LEVELS_ABOVE = 2  # rgb/1x of Nerfies
 
 
 def unread_cameras_notes(folder: Path, *, outcome: str = ", and cameras are estimated") -> list[str]:
-    """Return sentences if photographs whose cameras are estimated lie beside camera files that are not read.
-
-    outcome: what becomes of it.
-    """
+    """Return sentences on camera files beside unposed photographs that are not read. outcome: what becomes of it."""
     if not folder.is_dir():
         return []
     elsewhere = cameras_elsewhere(folder)

@@ -172,10 +172,7 @@ def _named(
     views: Selection | None,
     guides: tuple[int | str, ...] | None,
 ) -> tuple[list[int], list[int]]:
-    """Return the coded photographs and the guides that are named.
-
-    Raises InputError if one does not exist, or is both.
-    """
+    """Return the named coded photographs and guides. Raises InputError if one does not exist, or is both."""
     named = list[int]()
     if isinstance(views, tuple):
         require_usable(choose_views(photographs, views, folder))

@@ -180,10 +180,7 @@ def choose_entries(
 
 
 def weights_label(model: Path, size: tuple[int, int] | None) -> str:
-    """Return a text that identifies the weights of sender and receiver, and the image size if it is given.
-
-    Raises ModelError if the weights cannot be read.
-    """
+    """Return a text that identifies the weights, and the image size if given. Raises ModelError for unreadable ones."""
     try:
         both = [(model / name).read_bytes() for name in (RECEIVER_FILE, SENDER_FILE)]
     except OSError as error:

@@ -130,10 +130,7 @@ def _mean_if_all(values: Sequence[float | None]) -> float | None:
 
 
 def as_tsv(rows: Sequence[Any]) -> str:
-    """Format dataclass instances of one type as TSV: a header line, then one line per row.
-
-    Floats have six significant digits; None is an empty cell.
-    """
+    """Format dataclass instances of one type as TSV with a head line: floats with six digits, None as empty cells."""
     if not rows:
         return ""
     lines = ["\t".join(asdict(rows[0]))]

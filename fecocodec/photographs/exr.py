@@ -194,10 +194,7 @@ def _upsampled(values: Float[Tensor, "height width"], axis: int, factor: int) ->
 
 
 def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
-    """Write colour as linear float32 channels R, G, B, and depth, if present, as channel Z.
-
-    Raises OutputError if the file cannot be written.
-    """
+    """Write colour as linear float32 channels R, G, B, and depth, if any, as Z. Raises OutputError if writing fails."""
     linear = srgb_to_linear(image.colour.detach().cpu().float())
     channels = {"RGB": rearrange(linear, "rgb h w -> h w rgb").contiguous().numpy()}
     if image.depth is not None:

@@ -51,10 +51,7 @@ class PosedFolder:
     warnings: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
-        """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
-
-        Raises OutputError if the file cannot be written.
-        """
+        """Write `transforms.json`, with relative paths of the photographs. Raises OutputError if writing fails."""
         photographs = {photograph.name: photograph for photograph in self.photographs}
         cameras = self.reconstruction.cameras
         files = [_relative_path(photographs[camera.name], path.parent) for camera in cameras]

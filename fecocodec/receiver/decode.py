@@ -87,10 +87,7 @@ def decode_with(
     merging: MergingConfig | None = DEFAULT_MERGING,
     on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
-    """Decode with a loaded receiver; arguments and errors as for `decode`.
-
-    The caller must ensure that the receiver has the model id of the stream.
-    """
+    """Decode with a loaded receiver, which must have the model id of the stream; otherwise as `decode` does."""
     part, emission = read_stages(data, stages), emission_of(sh_degree, background, merging)
     return _predicted(receiver, part, stages, on_progress).decoded(emission)
 
@@ -150,10 +147,7 @@ def _predicted(receiver: Receiver, part: IntactPart, stages: Stages, on_progress
 
 
 def reconstruct(receiver: Receiver, state: State, cameras: Cameras, emission: Emission) -> Gaussians:
-    """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
-
-    cameras: of the context views, as stored in the stream.
-    """
+    """Return the Gaussians of a state, on the CPU, in the frame and unit of `cameras`, the stored context views."""
     return emitted_gaussians(_prediction(receiver, state, cameras), cameras, receiver.config, emission)
 
 

@@ -61,10 +61,7 @@ def render_on_cuda(
 
 
 def require_rendering_device(name: str) -> None:
-    """Check a device on which Gaussians are rendered; rendering on CUDA needs gsplat.
-
-    Raises InputError if the device, or gsplat for a CUDA device, is missing.
-    """
+    """Raise InputError if a device, or gsplat, which renders on CUDA devices, is missing."""
     usable_device(name)
     if name != "cpu":
         gsplat_rasterization()

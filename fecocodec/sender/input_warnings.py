@@ -228,10 +228,7 @@ def _largest_overlap(
 
 
 def _largest_parallax(points: Float[Tensor, "view n 3"], cameras: Cameras) -> float:
-    """Return the parallax in degrees: the angle between the rays of two views to a point.
-
-    Median over the points of a view, maximum over pairs of views.
-    """
+    """Return the angle, in degrees, between rays of two views to a point: median of a view, maximum over pairs."""
     sight = points[:, None] - cameras.extrinsics[None, :, None, :3, 3]
     sight = sight / sight.norm(dim=-1, keepdim=True).clamp_min(1e-20)
     own = sight.diagonal(dim1=0, dim2=1).permute(2, 0, 1)[:, None]

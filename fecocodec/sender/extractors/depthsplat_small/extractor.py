@@ -42,10 +42,7 @@ _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_source
 
 @dataclass(frozen=True)
 class Evidence(Matching):
-    """Outputs of the branches. cost: matching score of each depth candidate.
-
-    relative_disparity: expectation over the softmax of `cost`.
-    """
+    """Outputs of the branches. cost: score of each depth candidate. relative_disparity: mean under its softmax."""
 
     cost: Float[Tensor, "item candidate h4 w4"]
     appearance: Float[Tensor, "item channel h4 w4"]
