@@ -10,7 +10,7 @@ from fecocodec.container.lambda_quantisation import (
     dequantise_lambda,
     quantise_lambda,
 )
-from fecocodec.container.stage_choice import Stages, check_pixels, check_symbol_digest, read_stages
+from fecocodec.container.stage_choice import Stages, check_pixels, check_symbol_digest, decode_stages, read_stages
 from fecocodec.container.stream import (
     IntactPart,
     Stream,
@@ -39,6 +39,7 @@ __all__ = [
     "StreamSummary",
     "check_pixels",
     "check_symbol_digest",
+    "decode_stages",
     "dequantise_lambda",
     "inspect",
     "list_sections",
