@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fecocodec.container import quantise_lambda
-from fecocodec.training.batch_limits import check_sizes, check_view_shares
+from fecocodec.limits import check_sizes, check_view_shares
 
 from .options import FILE_PATH, parse_size, parsed
 from .paths import require_input

@@ -10,8 +10,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.coding_grid import grid_size
 from fecocodec.geometry.depth_range import agreed_depths, facing_baselines
-from fecocodec.geometry.pose_check import Fit, fit_of
-from fecocodec.geometry.sparse_matches import find_corners, match_corners
+from fecocodec.geometry.pose_check import Fit, find_corners, fit_of, match_corners
 from fecocodec.geometry.views import Views, joined
 from fecocodec.sender.optimisation_config import OptimisationConfig, config_of_effort
 
