@@ -37,10 +37,7 @@ def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.nd
 
 
 def upright_with_pillow(path: Path) -> Image.Image:
-    """Return a photograph as 8-bit sRGB, on white if transparent, turned upright by its EXIF orientation.
-
-    Raises InputError as `decode_with_pillow` does.
-    """
+    """Return a photograph, upright by EXIF, as 8-bit sRGB on white. Raises InputError as `decode_with_pillow` does."""
     samples = _read_samples(path, path)
     if samples.dtype == np.uint16:
         samples = np.rint(samples / np.float32(257)).astype(np.uint8)

@@ -28,10 +28,7 @@ def render_on_cuda(
     background: tuple[float, float, float],
     near: float,
 ) -> Rendering:
-    """Render as `rasterizer.render` does. near: Gaussians whose mean is closer than this depth are not drawn.
-
-    Raises InputError as `gsplat_rasterization` does.
-    """
+    """Render as `rasterizer.render` does. near: least depth of means that are drawn. Raises InputError without gsplat."""
     rasterization = gsplat_rasterization()
     height, width = image_size
     drawable = _finite(gaussians)

@@ -154,10 +154,7 @@ def _reporter(on_progress: OnProgress, task: str, number: int, num_steps: int) -
 
 
 def _is_done(full: Sequence[Attempt], target: Target) -> bool:
-    """Return whether the search can end.
-
-    It ends if an attempt is within the tolerance, or if one reaches the target and no better attempt is left to make.
-    """
+    """Return whether an attempt is within the tolerance, or one reaches the target and no better one is left."""
     points = [_point(attempt, target) for attempt in full]
     if any(is_inside(point) for point in points):
         return True

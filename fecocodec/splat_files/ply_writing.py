@@ -33,10 +33,7 @@ def file_bytes(scene: OutputScene) -> bytes:
 
 
 def ply_bytes(gaussians: Any, place: str) -> bytes:
-    """Return the bytes of the file that `write_ply` writes.
-
-    Raises OutputError, which begins with `place`, if a value is not finite or out of range.
-    """
+    """Return the bytes that `write_ply` writes. Raises OutputError, beginning with `place`, for values out of range."""
     columns = _columns(place, gaussians)
     names = property_names(gaussians.harmonics.shape[-2])
     header = "".join(

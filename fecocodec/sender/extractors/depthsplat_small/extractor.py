@@ -111,10 +111,7 @@ class DepthSplatSmall(nn.Module):
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> Evidence:
-        """Run the three branches and build the cost volume, without guides and masks.
-
-        Raises InputError if a side is not a multiple of 16.
-        """
+        """Run the branches and build the cost volume. Raises InputError for sides that are not multiples of 16."""
         require_whole(images, SIDE_MULTIPLE)
         views = images.shape[1]
         pictures = normalised(flat(images))
