@@ -163,10 +163,6 @@ def _obstacle(found: Reconstruction) -> str:
     return "the matches do not determine camera positions, as if the camera only turned"
 
 
-def _pairs(count: int) -> str:
-    return "pair" if count == 1 else "pairs"
-
-
 def _of_photograph(camera: EstimatedCamera, path: Path) -> EstimatedCamera:
     """Return the camera with its lens in pixels of the upright photograph, whose copy may be smaller."""
     short, long = sorted(read_image_size(path))
@@ -185,8 +181,8 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     return [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
-        f"{len(shared)} {_pairs(len(shared))} with {_MANY_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
-        f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
+        f"{len(shared)} pair{'' if len(shared) == 1 else 's'} with {_MANY_MATCHES} or more matches, focal length "
+        f"{lens.fx:.0f} pixels for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
     ]
 
 

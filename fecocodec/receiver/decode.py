@@ -132,9 +132,9 @@ class PredictedScene:
         return Decoded(gaussians, self.cameras, (header.height, header.width), self.stages, self.damage)
 
 
-def predict_with(receiver: Receiver, data: bytes, stages: Stages = "all") -> PredictedScene:
-    """Run the networks of a loaded receiver on a stream; arguments and errors as for `decode_with`."""
-    return _predicted(receiver, read_stages(data, stages), stages, ignore_progress)
+def predict_with(receiver: Receiver, data: bytes) -> PredictedScene:
+    """Run the networks of a loaded receiver on all stages of a stream; arguments and errors as for `decode_with`."""
+    return _predicted(receiver, read_stages(data, "all"), "all", ignore_progress)
 
 
 @torch.inference_mode()

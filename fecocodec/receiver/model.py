@@ -160,7 +160,8 @@ def load_receiver(path: Path) -> tuple[Receiver, bytes]:
     integers = {name.removeprefix(PRIOR): value for name, value in weights.tensors.items() if name.startswith(PRIOR)}
     load_integers(receiver.prior, integers)
     floats = {name: value for name, value in weights.tensors.items() if not name.startswith(PRIOR)}
-    load_into(receiver, floats | _prior_floats(receiver), path)
+    floats |= {name: value for name, value in receiver.state_dict().items() if name.startswith(PRIOR)}
+    load_into(receiver, floats, path)
     return receiver.eval().requires_grad_(False), weights.model_id
 
 
@@ -169,7 +170,3 @@ def serialise_receiver(receiver: Receiver) -> bytes:
     integers = {PRIOR + name: value for name, value in export_integers(receiver.prior).items()}
     floats = {name: value for name, value in receiver.state_dict().items() if not name.startswith(PRIOR)}
     return serialise_weights(floats | integers, {"receiver": stored_fields(receiver.config)})
-
-
-def _prior_floats(receiver: Receiver) -> dict[str, Tensor]:
-    return {name: value for name, value in receiver.state_dict().items() if name.startswith(PRIOR)}

@@ -28,7 +28,7 @@ def render_on_cuda(
     background: tuple[float, float, float],
     near: float,
 ) -> Rendering:
-    """Render as `rasterizer.render` does. near: least depth of means that are drawn. Raises InputError without gsplat."""
+    """Render as `rasterizer.render` does. near: least depth of drawn means. Raises InputError without gsplat."""
     rasterization = gsplat_rasterization()
     height, width = image_size
     drawable = _finite(gaussians)
