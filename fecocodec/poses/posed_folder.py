@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fecocodec.atomic import require_space, temporary_folder, write_atomically
+from fecocodec.atomic import require_space, temporary_folder, write_file
 from fecocodec.errors import InputError, one_sentence, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice, is_misnamed, read_image_size
@@ -55,8 +55,7 @@ class PosedFolder:
         photographs = {photograph.name: photograph for photograph in self.photographs}
         cameras = self.reconstruction.cameras
         files = [_relative_path(photographs[camera.name], path.parent) for camera in cameras]
-        with write_atomically(path, overwrite=overwrite) as temporary:
-            temporary.write_text(json.dumps(_transforms(cameras, files), indent=2) + "\n", "utf-8")
+        write_file(path, json.dumps(_transforms(cameras, files), indent=2) + "\n", overwrite=overwrite)
 
 
 @contextmanager

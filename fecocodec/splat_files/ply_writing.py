@@ -11,7 +11,7 @@ import numpy as np
 from einops import rearrange
 from jaxtyping import Float32
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import write_file
 from fecocodec.input_file import StrPath
 from fecocodec.splat_files.gaussian_arrays import OutputScene, gaussian_arrays
 
@@ -23,8 +23,7 @@ def write_ply(path: StrPath, gaussians: Any, *, overwrite: bool = False) -> None
     """
     path = Path(path)
     data = ply_bytes(gaussians, str(path))
-    with write_atomically(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes(data)
+    write_file(path, data, overwrite=overwrite)
 
 
 def file_bytes(scene: OutputScene) -> bytes:
