@@ -29,7 +29,6 @@ Examples:
     "file_format",
     type=click.Choice([ending.removeprefix(".") for ending in ENDINGS]),
     default=PLY.ending.removeprefix("."),
-    show_default=True,
     help="Format of the output files.",
 )
 @decoding_options

@@ -136,7 +136,8 @@ def run_and_report(scenes: Sequence[BatchScene], work: "Work", options: BatchOpt
             if verbosity() is Verbosity.VERBOSE:
                 text = f"{printable(outcome.scene)} {outcome.status}; {text}"
             on_progress(text, len(outcomes) / len(scenes))
-    summary = options.output / summary_name(options.shard)
+    part = "" if options.shard is None else f"{options.shard[0]}-of-{options.shard[1]}."  # each shard has its own
+    summary = options.output / f"summary.{part}tsv"
     write_summary(summary, scenes, outcomes)
     _report(outcomes, round(monotonic() - start, 3), str(summary), options)
     return 1 if any(outcome.status == "failed" for outcome in outcomes) else 0
@@ -150,11 +151,6 @@ def progress_text(outcomes: "Sequence[Outcome]", total: int, seconds: float) -> 
         return text
     left = (total - len(outcomes)) * seconds / num_worked
     return f"{text}, {60 * num_worked / seconds:.1f} a minute, {_duration(left)} left"
-
-
-def summary_name(shard: tuple[int, int] | None) -> str:
-    """Return the name of the table of outcomes; each shard writes its own."""
-    return "summary.tsv" if shard is None else f"summary.{shard[0]}-of-{shard[1]}.tsv"
 
 
 def _report(outcomes: "Sequence[Outcome]", seconds: float, summary: str, options: BatchOptions) -> None:

@@ -33,7 +33,6 @@ _OPTIONS = (
         "--spz-version",
         type=click.Choice(["3", "4"]),
         default="3",
-        show_default=True,
         help="Version of .spz files. Few viewers read 4.",
     ),
     click.option(
@@ -46,7 +45,6 @@ _OPTIONS = (
         "--merge/--no-merge",
         "is_merged",
         default=True,
-        show_default=True,
         help="Merge neighbouring Gaussians of similar colour: a quarter fewer Gaussians, half on blank walls, for a "
         "loss of a few hundredths of a dB. Without it, each stands for 2x2 pixels of its view.",
     ),
@@ -61,7 +59,6 @@ _OPTIONS = (
         "--background-layer/--no-background-layer",
         "has_background",
         default=True,
-        show_default=True,
         help="Fill regions that no photograph shows with blurred Gaussians. Without them these regions are black.",
     ),
 )

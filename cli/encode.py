@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fecocodec.atomic import require_other_file, require_writable, write_atomically, write_folder_atomically
-from fecocodec.captures.view_selection import is_choice_left
+from fecocodec.captures.view_selection import Auto, Spread
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES
 from fecocodec.container import StreamSummary, inspect
@@ -132,7 +132,7 @@ def command(
         fields = {"output": str(output), "seconds": report.seconds, **summary_fields(summary)}
         print_json({**fields, **report_fields(report, summary)})
         return
-    if note := roles_note(report, is_chosen=is_choice_left(options.views)):
+    if note := roles_note(report, is_chosen=options.views is None or isinstance(options.views, Spread | Auto)):
         say(f"note: {note}")
     say_result(str(output), report, summary, views_folder)
 

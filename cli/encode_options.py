@@ -1,6 +1,6 @@
 """Options of `fecosplat encode` and `fecosplat batch encode`: which views are encoded, and how."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -30,6 +30,13 @@ _LAMBDA = lambda_option(
     "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
 )
 _DEPTH = click.FloatRange(min=0, min_open=True)
+_ESTIMATED = "the scene, in scene units.  [default: estimated]"
+_POSITIVE = click.FloatRange(min=0.0, min_open=True)
+_TARGETS: dict[str, tuple[Callable[[float], Target], str, str]] = {
+    "target_kib": (AtMostKib, "KIB", "the best quality in a file of at most this many KiB."),
+    "target_psnr": (AtLeastPsnr, "DB", "the smallest file with at least this PSNR of the decoded views."),
+    "target_new_psnr": (AtLeastNewPsnr, "DB", "the smallest file with at least this PSNR of new views, by --checks."),
+}
 _OF_VIEWS = (
     click.option(
         "--views",
@@ -55,17 +62,9 @@ _OF_VIEWS = (
         "photographs on]",
     ),
     click.option("--size", callback=parse_size, metavar="WxH", help="Centre-crop and resize to WIDTHxHEIGHT pixels."),
-    click.option(
-        "--near",
-        type=_DEPTH,
-        metavar="DEPTH",
-        help="Nearest depth of the scene, in scene units.  [default: estimated]",
-    ),
-    click.option(
-        "--far",
-        type=_DEPTH,
-        metavar="DEPTH",
-        help="Farthest depth of the scene, in scene units.  [default: estimated]",
+    *(
+        click.option(f"--{name}", type=_DEPTH, metavar="DEPTH", help=f"{which} depth of {_ESTIMATED}")
+        for name, which in (("near", "Nearest"), ("far", "Farthest"))
     ),
     click.option(
         "--background",
@@ -76,18 +75,14 @@ _OF_VIEWS = (
         "--masks",
         type=click.Choice(["leave-out", "cut-out", "unused"]),
         default="leave-out",
-        show_default=True,
         help="What becomes of pixels that are black in a mask (mask_path of a transforms.json, or a folder masks): "
         "leave-out makes the encoder ignore them, cut-out makes them transparent.",
     ),
-    click.option(
-        "--stages", type=click.IntRange(1, 2), default=2, show_default=True, help="Number of stages to encode."
-    ),
+    click.option("--stages", type=click.IntRange(1, 2), default=2, help="Number of stages to encode."),
     click.option(
         "--effort",
         type=click.Choice(["fast", "default", "best"]),
         default="default",
-        show_default=True,
         help="Time spent on the file. fast takes a quarter of the time of default and three times the bytes at "
         "equal quality; best takes three to four times as long and comes closer to the photographs.",
     ),
@@ -95,7 +90,6 @@ _OF_VIEWS = (
         "--sharpness",
         type=click.FloatRange(-1.0, 1.0),
         default=0.0,
-        show_default=True,
         help="From -1 (smoothest pictures, smallest file) to 1 (sharpest pictures, largest file).",
     ),
     click.option(
@@ -125,7 +119,7 @@ def options_of(values: dict[str, Any], **others: Any) -> EncodingOptions:
     """
     given = dict(values)
     metadata = {name: text for name in METADATA if (text := given.pop(name)) is not None}
-    target = target_of(*(given.pop(name) for name in ("target_kib", "target_psnr", "target_new_psnr")))
+    target = _target_of({name: given.pop(name) for name in _TARGETS})
     return EncodingOptions(target=target, num_stages=given.pop("stages"), metadata=metadata, **given, **others)
 
 
@@ -140,47 +134,24 @@ def usage_errors() -> Iterator[None]:
 
 def rate_control_options(function: Function) -> Function:
     """Add --target-kib, --target-psnr and --target-new-psnr."""
-    options = (
-        click.option(
-            "--target-kib",
-            type=click.FloatRange(min=0.0, min_open=True),
-            metavar="KIB",
-            help="Choose lambda automatically: the best quality in a file of at most this many KiB.",
-        ),
-        click.option(
-            "--target-psnr",
-            type=click.FloatRange(min=0.0, min_open=True),
-            metavar="DB",
-            help="Choose lambda automatically: the smallest file with at least this PSNR of the decoded views.",
-        ),
-        click.option(
-            "--target-new-psnr",
-            type=click.FloatRange(min=0.0, min_open=True),
-            metavar="DB",
-            help="Choose lambda automatically: the smallest file with at least this PSNR of new views, by --checks.",
-        ),
-    )
-    for option in reversed(options):
-        function = option(function)
+    for name, (_, unit, found) in reversed(_TARGETS.items()):
+        text = f"Choose lambda automatically: {found}"
+        function = click.option(_option(name), type=_POSITIVE, metavar=unit, help=text)(function)
     return function
 
 
-def target_of(target_kib: float | None, target_psnr: float | None, target_new_psnr: float | None) -> Target | None:
-    """Return the rate-control target, or None to encode at --lambda.
-
-    Raises UsageError for options that exclude each other.
-    """
-    given = {
-        "--target-kib": target_kib and AtMostKib(target_kib),
-        "--target-psnr": target_psnr and AtLeastPsnr(target_psnr),
-        "--target-new-psnr": target_new_psnr and AtLeastNewPsnr(target_new_psnr),
-    }
-    targets: dict[str, Target] = {name: target for name, target in given.items() if target}
+def _target_of(values: dict[str, float | None]) -> Target | None:
+    """Return the target, or None to encode at --lambda. Raises UsageError for options that exclude each other."""
+    targets: dict[str, Target] = {name: _TARGETS[name][0](value) for name, value in values.items() if value}
     if not targets:
         return None
     if len(targets) > 1:
-        raise click.UsageError(f"{' and '.join(targets)} exclude each other; give one of them.")
+        raise click.UsageError(f"{' and '.join(map(_option, targets))} exclude each other; give one of them.")
     context = click.get_current_context()
     if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")
     return next(iter(targets.values()))
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

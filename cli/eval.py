@@ -10,7 +10,16 @@ from fecocodec.captures.evaluation_index import read_index
 from fecocodec.container import quantise_lambda
 from fecocodec.errors import InputError
 
-from .options import FILE_PATH, device_option, json_option, model_option, parse_shard, parse_size, threads_option
+from .options import (
+    FILE_PATH,
+    device_option,
+    json_option,
+    model_option,
+    parse_shard,
+    parse_size,
+    parsed,
+    threads_option,
+)
 from .output import print_columns, print_json, say, warn
 from .paths import require_input
 from .progress import progress_bar
@@ -21,16 +30,13 @@ if TYPE_CHECKING:
 DEFAULT_LAMBDAS = "1e-2,3e-3,1e-3,3e-4,1e-4,1e-5"
 
 
-def parse_lambdas(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+@parsed
+def parse_lambdas(value: str) -> tuple[float, ...]:
     """Parse comma-separated numbers. The library checks that each is a valid lambda."""
-    if value is None:
-        return None
     try:
         return tuple(float(number) for number in value.split(","))
     except ValueError as error:
-        raise click.BadParameter(
-            f"{value!r} is not numbers with commas between, such as 1e-2,1e-4.", ctx, param
-        ) from error
+        raise ValueError(f"{value!r} is not numbers with commas between, such as 1e-2,1e-4.") from error
 
 
 @click.command(
@@ -55,7 +61,6 @@ Examples:
     "--systems",
     "groups",
     default="codec",
-    show_default=True,
     metavar="LIST",
     help="Comma-separated systems to measure: codec; guided (guides of the index teach it); fast and best (other "
     "efforts); ablations (or one of stage-1, no-context, no-feedback); images (compressed photographs); gaussians "
@@ -75,7 +80,6 @@ Examples:
 @click.option(
     "--strips/--no-strips",
     default=True,
-    show_default=True,
     help="Write an image per entry with target, decoded view, error and depth side by side.",
 )
 @click.option(

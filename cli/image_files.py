@@ -61,14 +61,14 @@ def image_writer(files: list[list[Path]], *, overwrite: bool) -> Iterator[Callab
     files: of all views. If a file cannot be written, the new files are removed. A file that existed before then holds
     either its old or its new contents, each complete. Raises OutputError.
     """
-    from fecocodec.photographs.exr import ExrImage, write_exr
+    from fecocodec.photographs.exr import write_exr
     from fecocodec.photographs.images import write_image
 
     def write(of_view: list[Path], rendering: "Rendering") -> None:
         color, depth = rendering.color[0], rendering.depth[0]
         for file in of_view:
             if file.suffix.lower() == ".exr":
-                write_exr(file, ExrImage(color, depth), overwrite=overwrite)
+                write_exr(file, color, depth, overwrite=overwrite)
             else:
                 write_image(file, color, overwrite=overwrite)
 

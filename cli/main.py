@@ -25,8 +25,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     from fecocodec import FecoError
 
-    from .command_line import command_line
-    from .config_file import with_file
+    from .command_line import command_line, with_file
     from .output import in_options, warn
 
     try:

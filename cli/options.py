@@ -42,23 +42,38 @@ class _StreamPath(_FilePath):
 FILE_PATH, STREAM_PATH = _FilePath(), _StreamPath()
 
 
-def parse_size(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
+def parsed(parse: Callable[[str], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Return the callback of an option that parses its text, or each of several texts, unless it is left out.
+
+    parse: raises ValueError with a message for the user.
+    """
+
+    def callback(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+        if not value and not isinstance(value, str):
+            return None
+        try:
+            return tuple(map(parse, value)) if isinstance(value, tuple) else parse(value)
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from error
+
+    return callback
+
+
+@parsed
+def parse_size(value: str) -> tuple[int, int]:
     """Parse WIDTHxHEIGHT to `(height, width)` in pixels, the order that the library uses."""
-    if value is None:
-        return None
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
     if match is None:
-        raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT, such as 448x256.", ctx, param)
+        raise ValueError(f"{value!r} is not WIDTHxHEIGHT, such as 448x256.")
     return int(match[2]), int(match[1])
 
 
-def parse_shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
+@parsed
+def parse_shard(value: str) -> tuple[int, int]:
     """Parse I/N to (I, N), with 1 <= I <= N."""
-    if value is None:
-        return None
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
     if match is None or not 1 <= int(match[1]) <= int(match[2]):
-        raise click.BadParameter(f"{value!r} is not I/N with I from 1 to N, such as 2/8.", ctx, param)
+        raise ValueError(f"{value!r} is not I/N with I from 1 to N, such as 2/8.")
     return int(match[1]), int(match[2])
 
 
@@ -69,9 +84,7 @@ def overwrite_option(function: Function) -> Function:
 
 def lambda_option(help_text: str) -> Callable[[Function], Function]:
     """Return the decorator that adds --lambda, passed as `lmbda`."""
-    return click.option(
-        "--lambda", "lmbda", type=float, default=1e-3, show_default=True, metavar="NUMBER", help=help_text
-    )
+    return click.option("--lambda", "lmbda", type=float, default=1e-3, metavar="NUMBER", help=help_text)
 
 
 def json_option(function: Function) -> Function:
@@ -91,7 +104,6 @@ def device_option(function: Function) -> Function:
     return click.option(
         "--device",
         default="cpu",
-        show_default=True,
         metavar="NAME",
         callback=_parse_device,
         help="Device that runs the networks: cpu, cuda or cuda:N.",
@@ -104,7 +116,6 @@ def max_pixels_option(function: Function) -> Function:
         "--max-pixels",
         type=click.IntRange(min=1),
         default=DEFAULT_MAX_PIXELS,
-        show_default=True,
         metavar="NUMBER",
         help="Reject a .fcs file whose views together have more pixels than this. Memory grows in proportion.",
     )(function)
@@ -128,9 +139,10 @@ def num_threads(default: int) -> int:
     return int(value) if value.isdecimal() else default
 
 
-def _parse_device(ctx: click.Context, param: click.Parameter, value: str) -> str:
+@parsed
+def _parse_device(value: str) -> str:
     if not re.fullmatch(r"cpu|cuda(:\d{1,2})?", value):
-        raise click.BadParameter(f"{value!r} is none of cpu, cuda, cuda:N.", ctx, param)
+        raise ValueError(f"{value!r} is none of cpu, cuda, cuda:N.")
     return value
 
 
@@ -153,56 +165,57 @@ def metadata_options(function: Function) -> Function:
         "licence": "Licence of the photographs, such as CC-BY-4.0, stored in the file.",
     }
     function = click.option(
-        "--date", callback=_parse_date, metavar="YYYY-MM-DD", help="Date of the photographs, stored in the file."
+        "--date",
+        callback=_parse_date,
+        metavar="YYYY-MM-DD",
+        help="Date of the photographs, stored in the file.",
     )(function)
     for name, text in reversed(texts.items()):
         function = click.option(f"--{name}", metavar="TEXT", help=text)(function)
     return function
 
 
-def _parse_date(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-    if value is None:
-        return None
+@parsed
+def _parse_date(value: str) -> str:
     try:
         return datetime.date.fromisoformat(value).isoformat()
     except ValueError as error:
-        raise click.BadParameter(f"{value[:40]!r} is not a date like 2026-05-31.", ctx, param) from error
+        raise ValueError(f"{value[:40]!r} is not a date like 2026-05-31.") from error
 
 
-def parse_selection(ctx: click.Context, param: click.Parameter, value: str | None) -> Selection | None:
+@parsed
+def parse_selection(value: str) -> Selection:
     """Parse the text of `--views`; the library checks whether the views exist. One number is how many."""
-    if value is None:
-        return None
     if value.isdecimal() and len(value) <= LONGEST_NUMBER:
         return Spread(int(value))
     if value == "auto":
         return Auto()
     if value == "all":
         return All()
-    return _names(value, ctx, param)
+    return _names(value)
 
 
-def parse_guides(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+@parsed
+def parse_guides(value: str) -> tuple[str, ...] | None:
     """Parse the text of `--guides`: None for auto, () for none, else names."""
-    if value is None or value == "auto":
+    if value == "auto":
         return None
-    return () if value == "none" else _names(value, ctx, param)
+    return () if value == "none" else _names(value)
 
 
-def parse_checks(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+@parsed
+def parse_checks(value: str) -> int:
     """Parse the text of `--checks`: a number, or none."""
-    if value is None:
-        return None
     if value == "none":
         return 0
     if not value.isdecimal() or len(value) > 9:
-        raise click.BadParameter(f"{value[:40]!r} is neither a number of photographs nor none.", ctx, param)
+        raise ValueError(f"{value[:40]!r} is neither a number of photographs nor none.")
     return int(value)
 
 
-def _names(value: str, ctx: click.Context, param: click.Parameter) -> tuple[str, ...]:
+def _names(value: str) -> tuple[str, ...]:
     """Return the names between commas; `\\,` is a comma in a name."""
     items = tuple(item.strip().replace("\\,", ",") for item in re.split(r"(?<!\\),", value))
     if not all(items):
-        raise click.BadParameter(f"{value!r} names an empty view; use single commas, such as 0,5.", ctx, param)
+        raise ValueError(f"{value!r} names an empty view; use single commas, such as 0,5.")
     return items

@@ -12,10 +12,7 @@ _IS_EXTENSION = re.compile(r"\.([a-z]{2,5}|ksplat|splatv|geojson|\d[a-z]{1,2}|[a
 
 
 def require_ending(output: Path, endings: tuple[str, ...]) -> None:
-    """Raise OutputError if the extension is not one of `endings`, or if the path is `-` (stdout).
-
-    A name without an extension is accepted.
-    """
+    """Raise OutputError for `-` (stdout), or an extension that is none of `endings`; a name may have none."""
     suffix = output.suffix.lower()
     if output == STDOUT:
         raise OutputError("-: the result is not written to standard output; give the name of a file.")

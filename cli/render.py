@@ -10,7 +10,6 @@ from fecocodec.atomic import require_writable
 from fecocodec.captures.view_selection import Selection
 from fecocodec.container import check_pixels, read_header, read_stream_file
 from fecocodec.errors import error_context
-from fecocodec.photographs.video_extra import require_video_extra
 
 from .decode_options import decode_here
 from .image_files import image_files, image_writer, is_image_file, require_image_output
@@ -78,7 +77,7 @@ Examples:
 @click.option("--size", callback=parse_size, metavar="WxH", help="Image size.  [default: that of the photographs]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")
 @click.option(
-    "--background", type=click.Choice(list(BACKGROUNDS)), default="black", show_default=True,
+    "--background", type=click.Choice(list(BACKGROUNDS)), default="black",
     help="Colour of pixels that no Gaussian covers.",
 )  # fmt: skip
 @model_option
@@ -197,6 +196,8 @@ def _stream_of(scene: Path, max_pixels: int) -> bytes:
 
 def _require_video(video: Path, *, overwrite: bool) -> None:
     """Raise OutputError, before any work, if the video cannot be written."""
+    from fecocodec.photographs.video_frames import require_video_extra
+
     require_ending(video, (".mp4",))
     require_writable(video, overwrite=overwrite)
     require_video_extra()

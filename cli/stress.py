@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.atomic import make_folder, write_file
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.errors import InputError
 
@@ -34,7 +34,6 @@ Examples:
     "--most",
     type=click.IntRange(min=1),
     default=3,
-    show_default=True,
     help="Maximum number of scenes from the index to derive cases from.",
 )
 @lambda_option("Rate-distortion trade-off, as in `fecosplat encode`.")
@@ -65,8 +64,7 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
         for verdict, fraction in run_suite(codec, pairs, lmbda):
             verdicts.append(verdict)
             on_progress(verdict.case[:24], fraction)
-    with write_atomically(output / "stress.tsv", overwrite=True) as temporary:
-        temporary.write_text(as_tsv(verdicts))
+    write_file(output / "stress.tsv", as_tsv(verdicts), overwrite=True)
     if as_json:
         print_json([asdict(verdict) for verdict in verdicts])
     else:

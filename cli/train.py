@@ -60,7 +60,7 @@ Examples:
 )
 @click.argument("folder", metavar="FOLDER", type=FILE_PATH)
 @click.option(
-    "--config", "name", default="compact", show_default=True, metavar="NAME",
+    "--config", "name", default="compact", metavar="NAME",
     help="Training configuration: compact, paper-re10k, paper-dl3dv, paper-dl3dv-large, or a variant such as "
     "ablate-no-feedback (docs/paper_profile.md). Options below without a default override it.",
 )  # fmt: skip
@@ -69,15 +69,15 @@ Examples:
     "--validation", type=FILE_PATH, help="Folder of scenes as --photographs, with other scenes, measured now and then."
 )
 @click.option(
-    "--validate-every", type=click.IntRange(min=1), default=5_000, show_default=True, metavar="STEPS",
+    "--validate-every", type=click.IntRange(min=1), default=5_000, metavar="STEPS",
     help="Steps between two measurements of --validation.",
 )  # fmt: skip
 @click.option(
-    "--keep-every", type=click.IntRange(min=1), default=25_000, show_default=True, metavar="STEPS",
+    "--keep-every", type=click.IntRange(min=1), default=25_000, metavar="STEPS",
     help="Steps between two checkpoints that are kept, step_*.pt.",
 )  # fmt: skip
 @click.option(
-    "--workers", "num_workers", type=click.IntRange(min=0), default=0, show_default=True,
+    "--workers", "num_workers", type=click.IntRange(min=0), default=0,
     help="Number of processes that draw batches ahead, per training process.",
 )  # fmt: skip
 @click.option(

@@ -2,41 +2,31 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fecocodec.container import quantise_lambda
-from fecocodec.training.batch_limits import check_sizes, check_view_shares
+from fecocodec.limits import check_sizes, check_view_shares
 
-from .options import FILE_PATH, parse_size
+from .options import FILE_PATH, parse_size, parsed
 from .paths import require_input
 
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
-_OTHER_FIELDS = ("lambda_range", "precision", "perceptual_weight", "optimised_share", "frozen", "kept_batches")
 PERCEPTUAL_NAMES = ("lpips", "st-lpips", "none")
-_SHAPE_FIELDS = ("num_scenes", "view_shares", "num_target", "sizes")
-_SCHEDULE_FIELDS = (
-    "num_steps", "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight",
-)  # fmt: skip
 
 
-def _parse_views(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[tuple[int, float], ...] | None:
+@parsed
+def _parse_views(value: str) -> tuple[tuple[int, float], ...]:
     """Parse `2` or `2:0.8,4:0.2` to pairs of a number of context views and its probability."""
-    if value is None:
-        return None
     if not re.fullmatch(r"\d{1,3}(:\d*\.?\d+)?(,\d{1,3}(:\d*\.?\d+)?)*", value):
-        raise click.BadParameter(f"{value!r} is neither a number of views nor COUNT:SHARE,COUNT:SHARE...", ctx, param)
+        raise ValueError(f"{value!r} is neither a number of views nor COUNT:SHARE,COUNT:SHARE...")
     entries = [entry.partition(":") for entry in value.split(",")]
     return tuple((int(count), float(share or 1)) for count, _, share in entries)
-
-
-def _parse_sizes(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...] | None:
-    return tuple(parse_size(ctx, param, value) for value in values) or None
 
 
 _OPTIONS: dict[str, Callable[..., Any]] = {
@@ -64,7 +54,7 @@ _OPTIONS: dict[str, Callable[..., Any]] = {
         "--size",
         "sizes",
         multiple=True,
-        callback=_parse_sizes,
+        callback=parse_size,
         metavar="WxH",
         help="Image size in pixels. Repeat the option for several sizes. Small sizes need --views 2.",
     ),
@@ -129,9 +119,7 @@ def data_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def seed_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --seed."""
-    return click.option(
-        "--seed", type=click.IntRange(0, 2**31), default=0, show_default=True, help="Seed of random numbers."
-    )(command)
+    return click.option("--seed", type=click.IntRange(0, 2**31), default=0, help="Seed of random numbers.")(command)
 
 
 def check_inputs(paths: tuple[Path | None, ...], overrides: dict[str, Any]) -> None:
@@ -159,9 +147,13 @@ def configuration_options(*names: str) -> Callable[[Callable[..., Any]], Callabl
 def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":
     """Return the configuration with the given options in place of its own values."""
     given = {name: value for name, value in overrides.items() if value is not None}
-    shapes = replace(configuration.shapes, **{name: given[name] for name in _SHAPE_FIELDS if name in given})
-    schedule = replace(configuration.schedule, **{name: given[name] for name in _SCHEDULE_FIELDS if name in given})
-    others: dict[str, Any] = {name: given[name] for name in _OTHER_FIELDS if name in given}
+
+    def of(part: Any) -> dict[str, Any]:
+        return {field.name: given[field.name] for field in fields(part) if field.name in given}
+
+    shapes = replace(configuration.shapes, **of(configuration.shapes))
+    schedule = replace(configuration.schedule, **of(configuration.schedule))
+    others = of(configuration)
     if "perceptual" in given:
         others["distortion"] = configuration.with_perceptual(given["perceptual"])
     if configuration.is_paper and "lambda_range" in given:

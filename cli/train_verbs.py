@@ -50,7 +50,7 @@ Examples:
 @_model_arguments
 @data_options
 @click.option(
-    "--scenes", "num_scenes", type=click.IntRange(min=1), default=400, show_default=True,
+    "--scenes", "num_scenes", type=click.IntRange(min=1), default=400,
     help="Number of scenes per process, whose latents are kept in memory.",
 )  # fmt: skip
 @configuration_options("num_steps", "learning_rate", *_SCENE_FIELDS)
@@ -145,11 +145,11 @@ Examples:
     "--index", type=FILE_PATH, required=True, metavar="FILE.json", help="Pairs of context views of these scenes."
 )
 @click.option(
-    "--components", "num_components", type=click.IntRange(1, 224), default=64, show_default=True,
+    "--components", "num_components", type=click.IntRange(1, 224), default=64,
     help="Coefficients of a block of 8x8 pixels.",
 )  # fmt: skip
 @click.option(
-    "--pairs", "num_pairs", type=click.IntRange(min=1), default=40, show_default=True,
+    "--pairs", "num_pairs", type=click.IntRange(min=1), default=40,
     help="Number of pairs, drawn from the index.",
 )  # fmt: skip
 @device_option

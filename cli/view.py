@@ -104,12 +104,17 @@ Examples:
     "--browser/--no-browser",
     "opens_browser",
     default=True,
-    show_default=True,
     help="Open the page in the browser. --no-browser only prints its address.",
 )
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page.  [default: a free one]")
 @click.option(
-    "--host", default=LOCAL, show_default=True, metavar="ADDRESS",
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default=False,
+    help="Port of the page.  [default: a free one]",
+)
+@click.option(
+    "--host", default=LOCAL, metavar="ADDRESS",
     help="Address to listen at; 0.0.0.0 shows the page to every machine that reaches this one.",
 )  # fmt: skip
 @click.option(

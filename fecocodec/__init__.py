@@ -61,35 +61,25 @@ __all__ = [
     "write_ply",
 ]
 
-_MODULE_OF = {
-    "AtLeastNewPsnr": "fecocodec.sender.lambda_search",
-    "AtLeastPsnr": "fecocodec.sender.lambda_search",
-    "AtMostKib": "fecocodec.sender.lambda_search",
-    "BitstreamError": "fecocodec.errors",
-    "Cameras": "fecocodec.geometry.cameras",
-    "Decoded": "fecocodec.decoding",
-    "DecodedQuality": "fecocodec.sender.view_quality",
-    "EncodingOptions": "fecocodec.codec.options",
-    "EncodingReport": "fecocodec.codec.encode_folder",
-    "FecoError": "fecocodec.errors",
-    "Gaussians": "fecocodec.geometry.gaussians",
-    "InputError": "fecocodec.errors",
-    "ModelError": "fecocodec.errors",
-    "OutputError": "fecocodec.errors",
-    "Rendering": "fecocodec.rendering.rasterizer",
-    "Views": "fecocodec.geometry.views",
-    "check_input": "fecocodec.sender.input_warnings",
-    "decode": "fecocodec.decoding",
-    "encode": "fecocodec.sender.encode",
-    "encode_folder": "fecocodec.codec.encode_folder",
-    "encode_to_target": "fecocodec.sender.rate_control",
-    "measure_decoded": "fecocodec.sender.decoded_quality",
-    "quality_warnings": "fecocodec.sender.view_quality",
-    "read_ply": "fecocodec.splat_files.ply",
-    "read_views": "fecocodec.captures.scene_folder",
-    "render": "fecocodec.rendering.rasterizer",
-    "write_ply": "fecocodec.splat_files.ply",
+_NAMES_IN = {
+    "fecocodec.captures.scene_folder": "read_views",
+    "fecocodec.codec.encode_folder": "EncodingReport encode_folder",
+    "fecocodec.codec.options": "EncodingOptions",
+    "fecocodec.decoding": "Decoded decode",
+    "fecocodec.errors": "BitstreamError FecoError InputError ModelError OutputError",
+    "fecocodec.geometry.cameras": "Cameras",
+    "fecocodec.geometry.gaussians": "Gaussians",
+    "fecocodec.geometry.views": "Views",
+    "fecocodec.rendering.rasterizer": "Rendering render",
+    "fecocodec.sender.decoded_quality": "measure_decoded",
+    "fecocodec.sender.encode": "encode",
+    "fecocodec.sender.input_warnings": "check_input",
+    "fecocodec.sender.lambda_search": "AtLeastNewPsnr AtLeastPsnr AtMostKib",
+    "fecocodec.sender.rate_control": "encode_to_target",
+    "fecocodec.sender.view_quality": "DecodedQuality quality_warnings",
+    "fecocodec.splat_files.ply": "read_ply write_ply",
 }
+_MODULE_OF = {name: module for module, names in _NAMES_IN.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> object:

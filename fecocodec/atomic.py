@@ -123,6 +123,12 @@ def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
         yield from _written(path, overwrite=overwrite)
 
 
+def write_file(path: Path, content: str | bytes, *, overwrite: bool) -> None:
+    """Write bytes, or text in UTF-8; as `write_atomically` does."""
+    with write_atomically(path, overwrite=overwrite) as temporary:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def _written(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary path in an existing folder, as `write_atomically` does."""
     target = path.resolve()  # through a symbolic link, so that the link survives

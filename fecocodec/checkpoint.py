@@ -38,10 +38,7 @@ class Weights:
 
 
 def serialise_weights(tensors: dict[str, Tensor], config: dict[str, Any]) -> bytes:
-    """Return the bytes of a weights file; floats are stored as fp16, integers unchanged.
-
-    Raises ModelError for floats that are NaN or out of the range of fp16.
-    """
+    """Return the bytes of a weights file, floats as fp16. Raises ModelError for NaN, or floats out of range of fp16."""
     stored = {name: _stored(name, value).contiguous() for name, value in tensors.items()}
     return save(stored, metadata={"config": json.dumps(config, sort_keys=True)})
 
@@ -74,10 +71,7 @@ def read_weights(path: Path) -> Weights:
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Read the tensors of any safetensors file, with floats converted to float32.
-
-    Raises ModelError if the file is missing or damaged.
-    """
+    """Read the tensors of any safetensors file, floats as float32. Raises ModelError if it is missing or damaged."""
     try:
         stored = load(read_bytes(path))
     except SafetensorError as error:

@@ -32,7 +32,7 @@ class OutputError(FecoError):
 
 
 class StrictError(FecoError):
-    """A warning that the option `strict` makes an error, see `strict_error`."""
+    """A warning that the option `strict` makes an error."""
 
 
 def installation(extra: str) -> str:
@@ -54,11 +54,6 @@ def of_archive(sentence: str, folder: object, archive: object) -> str:
     """Return a sentence about a folder as one about the archive that was unpacked to it."""
     inside = re.escape(f"{folder}/")
     return re.sub(rf"\bgive (?=[^;]*{inside})", "unpack it and give ", sentence).replace(str(folder), str(archive))
-
-
-def strict_error(place: str, warning: str) -> StrictError:
-    """Return the error for a warning, which is one sentence. place: file or folder that it is about."""
-    return StrictError(f"{place}: {warning.removesuffix('.')} (`strict` makes this warning an error).")
 
 
 @contextmanager

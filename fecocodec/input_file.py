@@ -41,6 +41,16 @@ def read_file(path: Path, remedy: str = "check the path") -> bytes:
         raise InputError(f"{path}: cannot be read ({reason}); {remedy}.") from error
 
 
+def first_bytes(path: Path, count: int) -> bytes:
+    """Return the first bytes of a regular file; none of what is no such file or cannot be read."""
+    try:
+        require_regular_file(path)  # a pipe would block
+        with path.open("rb") as file:
+            return file.read(count)
+    except (OSError, InputError):
+        return b""
+
+
 def read_text(path: Path, remedy: str = "check the path") -> str:
     """Return the text of a regular UTF-8 file, without a byte order mark. Raises InputError as `read_file` does."""
     try:

@@ -1,6 +1,10 @@
 """Limits of the codec: numbers of views and stages, image sides, depths."""
 
+import math
+from collections.abc import Sequence
+
 from fecocodec.errors import InputError
+from fecocodec.grid import HYPERLATENTS
 
 MAX_VIEWS = 16
 MIN_SIDE, MAX_SIDE = 64, 1024  # pixels, of every view
@@ -28,3 +32,23 @@ def require_depths(near: float, far: float, place: str = "") -> None:
             f"{place}near {near:.6g} and far {far:.6g} are no range of depths; "
             "0 < near < far is needed, set them with `near` and `far`."
         )
+
+
+def check_view_shares(view_shares: Sequence[tuple[int, float]]) -> None:
+    """Raise InputError for a number of context views, or a relative frequency, that cannot be trained."""
+    for count, share in view_shares:
+        if not 1 <= count <= MAX_VIEWS or not 0 < share < math.inf:
+            raise InputError(
+                f"{count} context views with share {share:g} cannot be trained; "
+                f"give 1 to {MAX_VIEWS} views and positive shares."
+            )
+
+
+def check_sizes(sizes: Sequence[tuple[int, int]]) -> None:
+    """Raise InputError for a side that is not a multiple of 32 within the limits of the codec."""
+    for side in (side for size in sizes for side in size):
+        if side % HYPERLATENTS or not MIN_SIDE <= side <= MAX_SIDE:
+            raise InputError(
+                f"A training image side of {side} pixels cannot be used; "
+                f"choose a multiple of {HYPERLATENTS} from {MIN_SIDE} to {MAX_SIDE}."
+            )

@@ -12,7 +12,7 @@ import torch
 
 from fecocodec.atomic import require_writable, write_atomically
 from fecocodec.errors import OutputError
-from fecocodec.photographs.exr import ExrImage, write_exr
+from fecocodec.photographs.exr import write_exr
 
 
 def test_the_file_appears_when_the_block_ends_with_usual_permissions(tmp_path):
@@ -130,7 +130,7 @@ def test_a_write_that_the_system_refuses(tmp_path):
 
 def test_a_write_that_fails_inside_openexr(tmp_path):
     with nearly_full_disk(), pytest.raises(OutputError, match="writing failed"):
-        write_exr(tmp_path / "out.exr", ExrImage(torch.rand(3, 64, 64), None))
+        write_exr(tmp_path / "out.exr", torch.rand(3, 64, 64))
     assert not list(tmp_path.iterdir())
 
 

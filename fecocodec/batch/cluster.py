@@ -35,10 +35,7 @@ class Cluster:
     client: Client
 
     def outcomes(self, task: SceneTask, scenes: Sequence[BatchScene]) -> Iterator[Outcome]:
-        """Yield one outcome per scene, as they end. A scene whose worker ends is given to another worker.
-
-        Raises InputError if the scheduler is lost.
-        """
+        """Yield outcomes as they end; scenes of a lost worker go to another. Raises InputError for a lost scheduler."""
         waiting, in_work = iter(scenes), dict[object, BatchScene]()
         running = as_completed()
         window = _Window(self.client)

@@ -9,12 +9,11 @@ from typing import Any
 from fecocodec.batch.scene_task import Result
 from fecocodec.container import read_header, read_stream_file
 from fecocodec.decoding import Decoded, decode
-from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError
+from fecocodec.errors import error_context
 from fecocodec.splat_files.gaussian_files import decoded_file
 from fecocodec.splat_files.output_formats import Frame, SpzVersion
 
 Decode = Callable[[bytes], Decoded]
-_OF_STREAM = (BitstreamError, InputError, ModelError)
 ON_ONE_THREAD: Decode = partial(decode, num_threads=1)
 
 
@@ -43,24 +42,17 @@ class DecodeScene:
 
     def weights(self, path: Path) -> dict[str, str]:
         """Return the id of the model that the file needs. Raises FecoError if its header is not valid."""
-        try:
-            return {"model_id": read_header(read_stream_file(path)).header.model_id.hex()}
-        except BitstreamError as error:
-            raise BitstreamError(f"{path}: {error}") from error
+        data = read_stream_file(path)
+        with error_context(path):
+            return {"model_id": read_header(data).header.model_id.hex()}
 
     def run(self, path: Path, name: str) -> Result:
         """Decode the file `path`; its page or error messages name `name`. Raises FecoError."""
         data = read_stream_file(path)
-        try:
+        with error_context(path):
             decoded = self.decode(data)
-        except _OF_STREAM as error:
-            raise _named(error, path) from error
         written = decoded_file(decoded, Path(f"{name}{self.suffix}"), **self._writing())
         details: dict[str, Any] = {"gaussians": decoded.gaussians.count, "stages": decoded.stages}
         if written.note is not None:
             details["notes"] = [written.note]
         return Result(written.data, details=details)
-
-
-def _named(error: FecoError, path: Path) -> FecoError:
-    return type(error)(f"{path}: {error}")

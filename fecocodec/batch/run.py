@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.atomic import make_folder, write_file
 from fecocodec.batch.scene_task import SceneTask, Work
 from fecocodec.batch.scenes import BatchScene
 from fecocodec.batch.sidecar import Outcome, as_tsv
@@ -58,8 +58,7 @@ def write_summary(path: StrPath, scenes: Sequence[BatchScene], outcomes: Iterabl
     """Write a table of the outcomes, in the order of the scenes; it replaces an earlier one. Raises OutputError."""
     of_scene = {outcome.scene: outcome for outcome in outcomes}
     ordered = [of_scene[scene.name] for scene in scenes if scene.name in of_scene]
-    with write_atomically(Path(path), overwrite=True) as temporary:
-        temporary.write_text(as_tsv(ordered), encoding="utf-8")
+    write_file(Path(path), as_tsv(ordered), overwrite=True)
 
 
 def has_cluster_extra() -> bool:

@@ -11,7 +11,7 @@ from traceback import format_exception
 from typing import Any, Protocol, runtime_checkable
 
 from fecocodec import __version__
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import write_file
 from fecocodec.batch.scenes import BatchScene
 from fecocodec.batch.sidecar import (
     ForeignFileError,
@@ -183,8 +183,7 @@ class _Attempt:
             warnings=tuple(self.task.phrase(sentence) for sentence in result.warnings),
         )
         write_sidecar(self.output, record)
-        with write_atomically(self.output, overwrite=True) as temporary:
-            temporary.write_bytes(result.data)
+        write_file(self.output, result.data, overwrite=True)
         return outcome_of(record, is_new=True)
 
     def fail(self, error: Exception, seconds: float) -> Outcome:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import write_file
 from fecocodec.errors import InputError, OutputError
 from fecocodec.input_file import read_json
 
@@ -60,8 +60,7 @@ def sidecar_path(output: Path) -> Path:
 def write_sidecar(output: Path, record: Record) -> None:
     """Write the sidecar of an output; it replaces an earlier one. Raises OutputError if writing fails."""
     text = json.dumps(asdict(record), indent=2) + "\n"
-    with write_atomically(sidecar_path(output), overwrite=True) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_file(sidecar_path(output), text, overwrite=True)
 
 
 def read_sidecar(output: Path) -> Record | None:

@@ -1,10 +1,14 @@
-"""Whether a file may hold cameras, of whatever program: by its name, by what it holds, by names of arrays in it."""
+"""Files that may hold cameras, of whatever program: by their names, by what they hold, by names of arrays in them."""
 
+import os
 import re
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
+from fecocodec.input_file import first_bytes
 from fecocodec.photographs.image_headers import has_image_name
 
 HEAD_BYTES = 8192
@@ -30,6 +34,29 @@ _KEYS = re.compile(
 )
 _SHAPE = re.compile(rb"'shape': \((\d+), ((?:3|4), 4|3, 5|7|12|15|16|17)\)")  # in the header of a NumPy array
 _COLUMNS_OF_POSES = {7, 8, 12, 13, 16, 17, 19}
+DEPTH = 5  # of a file: output/colmap/sparse/0/images.bin
+_MOST_FOLDERS = 400
+_MOST_ENTRIES = 20_000  # of a folder
+
+
+def walk(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
+    """Yield files and folders up to `depth` levels below a folder, the nearest first, then by name.
+
+    Hidden ones are left out, and so is a folder that was met before, by a link. Of huge trees, some are left out.
+    """
+    level, met = [folder], {folder.resolve()}
+    for further in range(depth, 0, -1):
+        below = list[Path]()
+        for place in level:
+            with suppress(OSError), os.scandir(place) as entries:
+                for name, is_folder in sorted((one.name, one.is_dir()) for one in islice(entries, _MOST_ENTRIES)):
+                    if name.startswith("."):
+                        continue
+                    yield place / name
+                    if is_folder and further > 1 and len(met) < _MOST_FOLDERS and (place / name).resolve() not in met:
+                        met.add((place / name).resolve())
+                        below.append(place / name)
+        level = below
 
 
 def has_camera_name(path: Path) -> bool:
@@ -48,26 +75,15 @@ def has_poses(path: Path, count: int) -> bool:
     try:
         suffix, size = path.suffix.lower(), path.stat().st_size
         if suffix == ".npy":
-            shape = _SHAPE.search(head_of(path))
+            shape = _SHAPE.search(first_bytes(path, HEAD_BYTES))
             return shape is not None and int(shape[1]) == count
         if suffix in (".json", ".jsonl"):
-            return _KEYS.search(head_of(path)) is not None
+            return _KEYS.search(first_bytes(path, HEAD_BYTES)) is not None
         if suffix not in (".txt", ".csv", ".log", ".dat") or size > _LARGEST_TEXT:
             return False
         return _is_table_of_poses(path.read_text("utf-8", "replace"), count)
     except OSError:
         return False
-
-
-def head_of(path: Path) -> bytes:
-    """Return the first bytes of a file; none of what is no regular file or cannot be read."""
-    try:
-        if not path.is_file():
-            return b""
-        with path.open("rb") as file:
-            return file.read(HEAD_BYTES)
-    except OSError:
-        return b""
 
 
 def words_of(name: str) -> list[str]:

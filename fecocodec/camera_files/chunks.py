@@ -16,8 +16,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import require_numbers
+from fecocodec.camera_files.posed_photographs import require_float32_range, require_numbers, rigid_pose
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
@@ -58,32 +57,22 @@ class ChunkScene:
         """Decode the photograph of a frame: sRGB in [0, 1], at its stored size. Raises InputError if it is damaged."""
         return decode_image(self.encoded[frame].numpy().tobytes(), f"{self.place}, image {frame}")
 
-    def views(
-        self, frames: tuple[int, ...], *, size: tuple[int, int], near: float | None = None, far: float | None = None
-    ) -> Views:
+    def views(self, frames: tuple[int, ...], *, size: tuple[int, int]) -> Views:
         """Return these frames in this order, centre-cropped to the shape of `size` = (height, width) and resized.
 
-        near, far: in scene units; default `bounds`. Unlike the public loaders, which crop at whole pixels and keep the
+        Unlike the public loaders, which crop at whole pixels and keep the
         principal point at the centre, images and intrinsics are consistent to fractions of a pixel.
-        Raises InputError for a frame that does not exist, a damaged image, or invalid depth bounds.
+        Raises InputError for a frame that does not exist, or a damaged image.
         """
         require_size(size)
         missing = [frame for frame in frames if not 0 <= frame < len(self)]
         if missing or not frames:
             raise InputError(f"{self.place}: there is no frame {missing or ''}; choose from 0 to {len(self) - 1}.")
-        near, far = self.bounds[0] if near is None else near, self.bounds[1] if far is None else far
-        if not 0 < near < far:
-            raise InputError(f"{self.place}: near {near:.6g} and far {far:.6g} are no range; give 0 < near < far.")
         images = [self.image(frame) for frame in frames]
         pinholes = [self.lens(frame, *image.shape[1:]) for frame, image in zip(frames, images, strict=True)]
         framed = [crop_and_resize(image, pinhole, size) for image, pinhole in zip(images, pinholes, strict=True)]
         chosen = list(frames)
-        cameras = Cameras(
-            extrinsics=torch.from_numpy(self.extrinsics[chosen].astype(np.float32)),
-            intrinsics=torch.from_numpy(np.stack([matrix for _, matrix in framed]).astype(np.float32)),
-            near=torch.tensor(near, dtype=torch.float32),
-            far=torch.tensor(far, dtype=torch.float32),
-        )
+        cameras = Cameras.in_float32(self.extrinsics[chosen], np.stack([matrix for _, matrix in framed]), *self.bounds)
         names = tuple(f"{frame}:{self.timestamps[frame]}" for frame in frames)
         return Views(torch.stack([image for image, _ in framed]), cameras, names)
 

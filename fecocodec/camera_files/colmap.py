@@ -109,7 +109,7 @@ def _photograph(model: ColmapModel, image: ColmapImage, path: Path, place: str) 
         path=path,
         place=place,
         camera_to_world=np.linalg.inv(world_to_camera),
-        lens_for=partial(_scaled, _lens(camera, place), place),
+        lens_for=partial(_lens(camera, place).scaled_to, place=place),
         sparse_depths=depths[depths > 0],
         declared_size=(camera.width, camera.height),
     )
@@ -137,14 +137,7 @@ def _lens(camera: ColmapCamera, place: str) -> Lens:
     parameters = require_numbers(camera.parameters, (len(names),), f"{place}, camera parameters")
     values = dict(zip(names, parameters.tolist(), strict=True))
     values = {"fx": values["f"], "fy": values["f"]} | values if "f" in values else values
-    if min(values["fx"], values["fy"], camera.width, camera.height) <= 0 or _is_large(camera):
+    size = camera.width, camera.height
+    if min(values["fx"], values["fy"], *size) <= 0 or max(size) > MAX_SIDE_PX:
         raise InputError(f"{place}: its focal length or image size is out of range; export the model again.")
-    return lens_of_model(camera.model, (camera.width, camera.height), values)
-
-
-def _is_large(camera: ColmapCamera) -> bool:
-    return max(camera.width, camera.height) > MAX_SIDE_PX
-
-
-def _scaled(lens: Lens, place: str, width: int, height: int) -> Lens:
-    return lens.scaled_to(width, height, place)
+    return lens_of_model(camera.model, size, values)

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from fecocodec.camera_files.camera_names import has_camera_name
+from fecocodec.camera_files.camera_names import has_camera_name, walk
 from fecocodec.camera_files.colmap import find_colmap_model, read_colmap
 from fecocodec.camera_files.llff import find_llff, is_llff, read_llff
 from fecocodec.camera_files.other_cameras import program_of
@@ -15,7 +15,6 @@ from fecocodec.camera_files.transforms_json import (
     holds_cameras,
     read_transforms_json,
 )
-from fecocodec.camera_files.walk import walk
 from fecocodec.errors import InputError
 
 _FINDERS = (find_transforms_json, find_colmap_model, find_realestate10k, find_cameras_json, find_llff)
@@ -45,10 +44,7 @@ def read_format(path: Path, found: Path) -> PosedPhotographs:
 
 
 def cameras_elsewhere(folder: Path) -> list[Path]:
-    """Return cameras of these formats in and below a folder that has none where they usually lie.
-
-    Folders of COLMAP may lack a table.
-    """
+    """Return cameras in and below a folder that has none where they usually lie. Folders of COLMAP may lack a table."""
     return list(dict.fromkeys(found for path in walk(folder) if (found := _cameras_at(path, path.parent == folder))))
 
 
@@ -65,8 +61,9 @@ def _cameras_at(path: Path, is_here: bool) -> Path | None:
     return path if is_one else None
 
 
-def has_images_of(path: Path) -> bool:
-    """Return whether cameras can be read from a camera file or folder, and an image of theirs is there."""
+def named_images(path: Path) -> list[Path]:
+    """Return the images, which need not exist, of the cameras of a file or folder; none if these cannot be read."""
     with suppress(InputError, OSError):
-        return any(photograph.path.is_file() for photograph in read_format(path, camera_files(path)[0]).photographs)
-    return False
+        for found in camera_files(path)[:1]:
+            return [photograph.path for photograph in read_format(path, found).photographs]
+    return []

@@ -52,7 +52,7 @@ def match_images(cameras_path: Path, names: Sequence[str], usual: Sequence[Path]
     Looks there, then in `images`, `input` and `images_N` of these folders, then above the scene folder.
     """
     listed = _Listings()
-    wanted = [_parts_of(name) for name in names]
+    wanted = [parts_of(name) for name in names]
     best = _Match(usual[0], 1, [None] * len(names))
     for places in (image_folders(usual), _folders_above(usual[0])):
         for folder, reduction in places:
@@ -191,7 +191,8 @@ class _Listings(dict[Path, _Listing]):
 def _find_all(listed: _Listings, folder: Path, names: Sequence[str], wanted: list[Parts]) -> list[Path | None]:
     """Return the file of each name: the one at the longest end of its path. Names that share a file have none."""
     paths = [
-        _existing(name) or next((path for end in _ends(parts) if (path := listed.find(folder, end))), None)
+        _existing(name)
+        or next((path for start in range(len(parts)) if (path := listed.find(folder, parts[start:]))), None)
         for name, parts in zip(names, wanted, strict=True)
     ]
     claims: dict[Path | None, set[Parts]] = defaultdict(set)
@@ -211,12 +212,9 @@ def _existing(name: str) -> Path | None:
         return None
 
 
-def _parts_of(name: str) -> Parts:
+def parts_of(name: str) -> Parts:
+    """Return the folders and the file of a path as any system writes it."""
     return tuple(part for part in name.replace("\\", "/").split("/") if part not in ("", "."))
-
-
-def _ends(parts: Parts) -> Iterator[Parts]:
-    return (parts[start:] for start in range(len(parts)))
 
 
 def _stem(name: str) -> str:

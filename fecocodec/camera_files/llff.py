@@ -88,8 +88,4 @@ def _photograph(row: Float[np.ndarray, "17"], image: Path, place: str) -> PosedP
     pose[:3] = np.stack((right, down, -backwards, position), axis=-1)
     size = round(float(width)), round(float(height))
     lens = Lens(*size, float(focal), float(focal), float(width) / 2, float(height) / 2)
-    return PosedPhotograph(image, place, pose, partial(_scaled, lens, place), declared_size=size)
-
-
-def _scaled(lens: Lens, place: str, width: int, height: int) -> Lens:
-    return lens.scaled_to(width, height, place)
+    return PosedPhotograph(image, place, pose, partial(lens.scaled_to, place=place), declared_size=size)

@@ -5,9 +5,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fecocodec.camera_files.camera_names import ARCHIVE_SUFFIXES, has_camera_name, has_poses, head_of, words_of
-from fecocodec.camera_files.walk import walk
+from fecocodec.camera_files.camera_names import (
+    ARCHIVE_SUFFIXES,
+    HEAD_BYTES,
+    has_camera_name,
+    has_poses,
+    walk,
+    words_of,
+)
 from fecocodec.errors import some_of
+from fecocodec.input_file import first_bytes
 from fecocodec.photographs.image_headers import has_image_name
 
 _MOST_NAMED = 4
@@ -94,7 +101,9 @@ def unread_cameras_around(folder: Path, read: set[Path], *, is_near: bool) -> st
 def program_of(path: Path) -> str:
     """Return the program whose camera file this is, empty if it is of no known kind."""
     kinds = _KINDS_BY_SUFFIX.get(path.suffix, ())  # of thousands of files, most are of none
-    return next((kind.program for kind in kinds if path.match(kind.pattern) and _has(path, kind.content)), "")
+    found = [kind for kind in kinds if path.match(kind.pattern)]
+    head = first_bytes(path, HEAD_BYTES) if any(kind.content for kind in found) else b""
+    return next((kind.program for kind in found if re.search(kind.content, head)), "")
 
 
 def _listed(folder: Path, found: Iterable[tuple[str, Path]]) -> str:
@@ -138,7 +147,3 @@ def _is_of_cameras(path: Path) -> bool:
 def _top(folder: Path, path: Path) -> Path:
     """Return the file or folder in `folder` that is or holds `path`."""
     return folder / path.relative_to(folder).parts[0]
-
-
-def _has(path: Path, content: bytes) -> bool:
-    return not content or re.search(content, head_of(path)) is not None

@@ -35,7 +35,8 @@ def realestate10k_files(folder: Path) -> list[Path]:
 
 def read_realestate10k(path: Path) -> PosedPhotographs:
     """Read the camera of every line. A line that is not valid gives a camera with a problem."""
-    lines = [(number, _words(line)) for number, line in enumerate(_lines(path), start=1) if line.strip()]
+    text = read_text(path, "check the file").splitlines()
+    lines = [(number, _words(line)) for number, line in enumerate(text, start=1) if line.strip()]
     if len(lines[0][1]) == 1:  # the video's URL
         lines = lines[1:]
     folders = [path.parent, path.parent / "images", path.with_suffix("")]
@@ -94,7 +95,3 @@ def _words(line: str) -> list[str]:
     """Return the columns of a line, which spaces or commas separate."""
     words = line.replace(",", " ").split()
     return words if len(words) == _COLUMNS else line.split()
-
-
-def _lines(path: Path) -> list[str]:
-    return read_text(path, "check the file").splitlines()

@@ -23,10 +23,7 @@ def is_reference_cameras(cameras: object) -> bool:
 
 
 def read_reference_cameras(path: Path, cameras: list[Any]) -> PosedPhotographs:
-    """Return the cameras of a file. cameras: what its JSON holds. A camera that is not valid has a problem.
-
-    Raises InputError for an empty list.
-    """
+    """Return the cameras of a file, from its JSON; invalid ones have a problem. Raises InputError for an empty list."""
     if not cameras:
         raise InputError(f"{path}: no cameras; export it again.")
     if not is_reference_cameras(cameras):

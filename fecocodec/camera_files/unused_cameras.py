@@ -1,15 +1,13 @@
 """Cameras below, beside and above photographs whose cameras are estimated: what is said of them."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
 from tempfile import gettempdir
 
 from fecocodec.camera_files.colmap_tables import is_colmap_model
-from fecocodec.camera_files.formats import camera_files, cameras_elsewhere, read_format
+from fecocodec.camera_files.formats import camera_files, cameras_elsewhere, named_images
 from fecocodec.camera_files.other_cameras import unread_cameras, unread_cameras_around
-from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.errors import InputError, some_of
 from fecocodec.poses.unposed_photographs import find_photographs
 
@@ -18,10 +16,7 @@ _LEVELS_ABOVE = 2  # rgb/1x of Nerfies
 
 
 def unread_cameras_notes(folder: Path, *, outcome: str = ", and cameras are estimated") -> list[str]:
-    """Return sentences if photographs whose cameras are estimated lie beside camera files that are not read.
-
-    outcome: what becomes of it.
-    """
+    """Return sentences on camera files beside unposed photographs that are not read. outcome: what becomes of it."""
     if not folder.is_dir():
         return []
     elsewhere = cameras_elsewhere(folder)
@@ -44,24 +39,21 @@ def unread_cameras_notes(folder: Path, *, outcome: str = ", and cameras are esti
 
 def _is_of_others(path: Path, photographs: list[Path]) -> bool:
     """Return whether cameras are of other photographs, which are there, as if of another scene in a folder below."""
-    with suppress(InputError, OSError):
-        named = [photograph.path for photograph in read_format(path, camera_files(path)[0]).photographs]
-        found = {image.name for image in named if image.is_file()}
-        return bool(found) and not found & {image.name for image in photographs}
-    return False
+    found = {image.name for image in named_images(path) if image.is_file()}
+    return bool(found) and not found & {image.name for image in photographs}
 
 
 def _notes_above(folder: Path, outcome: str) -> list[str]:
     """Return a sentence on cameras in the folders above the one of the photographs."""
     here, names = folder.resolve(), {path.name for path in find_photographs(folder)}
-    for parent, scene in _scenes_above(folder):
-        named = [photograph.path for photograph in scene.photographs]
+    for parent in _above(folder):
+        cameras, named = _camera_files(parent), named_images(parent)
         found = [path for path in named if path.is_file()]
         if any(path.parent.resolve() == here for path in found):
-            return [f"{scene.cameras_path} has cameras{outcome}; to use them instead, give the folder {parent}."]
+            return [f"{cameras[0]} has cameras{outcome}; to use them instead, give the folder {parent}."]
         if not found and names & {path.name for path in named}:
             return [
-                f"{scene.cameras_path} has cameras of images with these names, but not in this folder{outcome}; to "
+                f"{cameras[0]} has cameras of images with these names, but not in this folder{outcome}; to "
                 f"use them, put the images into {named[0].parent} and give the folder {parent}."
             ]
     for level, parent in enumerate(_above(folder)):
@@ -71,13 +63,6 @@ def _notes_above(folder: Path, outcome: str) -> list[str]:
                 f"cameras above the photographs ({unread} in {parent}) are not read{outcome}; to use them, {CONVERT}."
             ]
     return []
-
-
-def _scenes_above(folder: Path) -> Iterator[tuple[Path, PosedPhotographs]]:
-    for parent in _above(folder):
-        with suppress(InputError, OSError):
-            if found := camera_files(parent):
-                yield parent, read_format(parent, found[0])
 
 
 def _above(folder: Path) -> list[Path]:

@@ -9,6 +9,7 @@ from shutil import copyfileobj
 
 from fecocodec.atomic import is_disk_full, temporary_folder
 from fecocodec.camera_files.formats import camera_files
+from fecocodec.camera_files.image_matching import parts_of
 from fecocodec.errors import FecoError, InputError, of_archive
 from fecocodec.input_file import MAX_FILE_BYTES, StrPath
 from fecocodec.photographs.image_headers import IMAGE_SUFFIXES, PHOTOGRAPH_FOLDERS, UNREAD_SUFFIXES
@@ -102,25 +103,21 @@ def _inner(path: Path) -> str | None:
 
 
 def _is_hidden(member: zipfile.ZipInfo) -> bool:
-    return any(part.startswith((".", "__MACOSX")) and part != ".." for part in _parts(member.filename))
+    return any(part.startswith((".", "__MACOSX")) and part != ".." for part in parts_of(member.filename))
 
 
 def _is_wanted(member: zipfile.ZipInfo) -> bool:
-    parts = _parts(member.filename)
+    parts = parts_of(member.filename)
     is_link = stat.S_ISLNK(member.external_attr >> 16)
     suffix = PurePosixPath(parts[-1]).suffix.lower() if parts else ""
     return not (member.is_dir() or _is_hidden(member) or is_link) and suffix in _WANTED
 
 
 def _inside(path: Path, name: str) -> Path:
-    parts = _parts(name)
+    parts = parts_of(name)
     if name.startswith(("/", "\\")) or ".." in parts or ":" in parts[0]:
         raise InputError(f"{path}: its member {name} leads out of the archive; {_REMEDY}.")
     return Path(*parts)
-
-
-def _parts(name: str) -> tuple[str, ...]:
-    return tuple(part for part in name.replace("\\", "/").split("/") if part not in ("", "."))
 
 
 def _innermost(folder: Path) -> Path:

@@ -7,12 +7,13 @@ import numpy as np
 from jaxtyping import Float
 
 from fecocodec.camera_files.find import read_cameras
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
 from fecocodec.camera_files.posed_photographs import (
     PosedPhotograph,
     PosedPhotographs,
     distinct_names,
+    require_float32_range,
     require_usable,
+    rigid_pose,
     stored_lens,
 )
 from fecocodec.captures.reading_notes import (

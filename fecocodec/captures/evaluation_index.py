@@ -16,10 +16,7 @@ from fecocodec.input_file import read_json
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """One entry of an evaluation index: frames of a scene, counted from 0.
-
-    guide: not coded; the sender learns from them.
-    """
+    """An entry of an evaluation index: frames of a scene, from 0. guide: not coded; the sender learns from them."""
 
     name: str
     scene: str

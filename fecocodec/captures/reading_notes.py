@@ -9,6 +9,7 @@ import numpy as np
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
 from fecocodec.errors import some_of
+from fecocodec.input_file import first_bytes
 from fecocodec.limits import MAX_SIDE
 from fecocodec.photographs.framing import kept_share, most_pixels
 from fecocodec.photographs.image_headers import has_image_name, is_exr, is_upright, maps_among
@@ -99,7 +100,7 @@ def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotog
     kept: dict[bytes, list[PosedPhotograph]] = {}
     notes = []
     for photograph in photographs:
-        alike = kept.setdefault(_beginning(photograph.path), [])
+        alike = kept.setdefault(first_bytes(photograph.path, _BEGINNING_BYTES), [])
         original = next((other for other in alike if _are_equal(other.path, photograph.path)), None)
         if original is None:
             alike.append(photograph)
@@ -108,14 +109,6 @@ def without_copies(photographs: list[PosedPhotograph]) -> tuple[list[PosedPhotog
             notes.append(f"{shown} is left out: it is a copy of {of}; remove it, or choose both by `views`.")
     first = {id(photograph) for alike in kept.values() for photograph in alike}
     return [photograph for photograph in photographs if id(photograph) in first], notes
-
-
-def _beginning(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(_BEGINNING_BYTES)
-    except OSError:  # reading the pixels reports it
-        return b""
 
 
 def _are_equal(one: Path, other: Path) -> bool:

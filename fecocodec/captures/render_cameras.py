@@ -8,14 +8,13 @@ import torch
 
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.nerfstudio_path import read_camera_path
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
+from fecocodec.camera_files.posed_photographs import known_pinhole, require_float32_range, rigid_pose
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.view_choice import select_views
 from fecocodec.captures.view_selection import Selection
+from fecocodec.captures.view_spread import known_depth_bounds
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.input_file import StrPath
 from fecocodec.photographs.framing import common_size, framed_intrinsics
 from fecocodec.photographs.lens import Lens
@@ -81,24 +80,10 @@ def _read(path: Path, views: Selection | None, size: tuple[int, int] | None) -> 
     poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
     require_float32_range(poses, str(scene.cameras_path))
     intrinsics = np.stack([framed_intrinsics(pinhole, image_size) for pinhole in pinholes])
-    near, far = _depth_bounds(scene)
-    cameras = Cameras(
-        extrinsics=torch.from_numpy(poses.astype(np.float32)),
-        intrinsics=torch.from_numpy(intrinsics.astype(np.float32)),
-        near=torch.tensor(near, dtype=torch.float32),
-        far=torch.tensor(far, dtype=torch.float32),
-    )
+    near, far = known_depth_bounds(scene) or (float("nan"), float("nan"))
+    cameras = Cameras.in_float32(poses, intrinsics, near, far)
     names = _distinct(tuple(photograph.path.stem for photograph in photographs))
-    has_bounds = 0 < near < far < float("inf")
-    return RenderCameras(cameras, image_size, names, has_bounds, frames_per_second, (*scene.remarks, *notes))
-
-
-def _depth_bounds(scene: PosedPhotographs) -> tuple[float, float]:
-    """Return near and far of the camera file, else of its sparse points, else NaN."""
-    if scene.near is not None and scene.far is not None:
-        return scene.near, scene.far
-    sparse = np.concatenate([np.zeros(0), *(photograph.sparse_depths for photograph in scene.photographs)])
-    return bounds_of_depths(sparse) or (float("nan"), float("nan"))
+    return RenderCameras(cameras, image_size, names, not np.isnan(near), frames_per_second, (*scene.remarks, *notes))
 
 
 def _distinct(names: tuple[str, ...]) -> tuple[str, ...]:

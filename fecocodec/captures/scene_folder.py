@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from torch import Tensor
 
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
@@ -22,6 +22,7 @@ from fecocodec.geometry.depth_range import believable_bounds, estimate_depth_ran
 from fecocodec.geometry.views import Views, joined
 from fecocodec.input_file import StrPath
 from fecocodec.limits import require_depths
+from fecocodec.photographs.exr import Photograph
 from fecocodec.photographs.images import LEVELS, Background, read_photograph
 from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.masks import cut_out, find_mask, read_mask
@@ -127,12 +128,7 @@ def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, ma
         _framed_pixels(photograph, lenses, chosen.image_size, background or "white", masks)
         for photograph, lenses in zip(chosen.photographs, chosen.lenses, strict=True)
     ]
-    cameras = Cameras(
-        extrinsics=torch.from_numpy(chosen.extrinsics.astype(np.float32)),
-        intrinsics=torch.from_numpy(chosen.intrinsics.astype(np.float32)),
-        near=torch.tensor(torch.nan),
-        far=torch.tensor(torch.nan),
-    )
+    cameras = Cameras.in_float32(chosen.extrinsics, chosen.intrinsics, torch.nan, torch.nan)
     shape = chosen.image_size
     ignored = _stacked([one.ignored for one in read], torch.zeros(shape, dtype=torch.bool))
     return Views(
@@ -158,19 +154,11 @@ def _stacked(planes: list[Tensor | None], otherwise: Tensor) -> Tensor | None:
 
 
 @dataclass(frozen=True)
-class _Pixels:
-    """One view. alpha, ignored: None if it is opaque, or has no mask that marks pixels to leave out.
+class _Framed(Photograph):
+    """One view. ignored: pixels to leave out. masked: share of the stored pixels that its mask marks. None for none."""
 
-    clipped, blackened: as for `Photograph`. masked: share of the stored pixels that its mask marks, None
-    if it marks none.
-    """
-
-    colour: Float[Tensor, "3 height width"]
-    alpha: Float[Tensor, "height width"] | None
-    ignored: Bool[Tensor, "height width"] | None
-    clipped: float
-    blackened: float
-    masked: float | None
+    ignored: Bool[Tensor, "height width"] | None = None
+    masked: float | None = None
 
 
 def _framed_pixels(
@@ -179,7 +167,7 @@ def _framed_pixels(
     image_size: tuple[int, int],
     background: Background,
     masks: Masks,
-) -> _Pixels:
+) -> _Framed:
     """Read a photograph and its mask; undistort, crop and resize to `image_size`."""
     stored = read_photograph(photograph.path, background)
     colour, alpha = stored.colour, stored.alpha
@@ -197,7 +185,7 @@ def _framed_pixels(
     planes += [(~black)[None].float()] if black is not None and is_left_out else []
     lens, pinhole = lenses
     framed = crop_and_resize(undistort(torch.cat(planes), lens, pinhole), pinhole, image_size)[0]
-    return _Pixels(
+    return _Framed(
         colour=framed[:3],
         alpha=None if alpha is None else framed[3],
         ignored=framed[-1] < LEAST_KEPT if is_left_out else None,

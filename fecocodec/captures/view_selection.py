@@ -23,8 +23,3 @@ class All:
 
 
 Selection = tuple[int | str, ...] | Spread | Auto | All
-
-
-def is_choice_left(selection: Selection | None) -> bool:
-    """Return whether the codec chooses the views: the user named none, and did not ask for all."""
-    return selection is None or isinstance(selection, Spread | Auto)

@@ -95,12 +95,17 @@ def overlaps_and_baselines(
     return overlap, distance * (1 / near + 1 / far) / 2
 
 
-def _depth_bounds(scene: PosedPhotographs, distance: Float[np.ndarray, "view view"]) -> tuple[float, float]:
-    """Return near and far of the camera file, else of its sparse points, else from distances between cameras."""
-    sparse = [photograph.sparse_depths for photograph in scene.photographs if len(photograph.sparse_depths)]
-    if scene.near is not None and scene.far is not None and 0 < scene.near < scene.far:
+def known_depth_bounds(scene: PosedPhotographs) -> tuple[float, float] | None:
+    """Return near and far of the camera file if they are a range, else of its sparse points; None without either."""
+    if scene.near is not None and scene.far is not None and 0 < scene.near < scene.far < np.inf:
         return scene.near, scene.far
-    if bounds := bounds_of_depths(np.concatenate([np.zeros(0), *sparse])):
+    sparse = [photograph.sparse_depths for photograph in scene.photographs]
+    return bounds_of_depths(np.concatenate([np.zeros(0), *sparse]))
+
+
+def _depth_bounds(scene: PosedPhotographs, distance: Float[np.ndarray, "view view"]) -> tuple[float, float]:
+    """Return the known bounds of depth, else bounds from distances between cameras."""
+    if bounds := known_depth_bounds(scene):
         return bounds
     if len(distance) < 2 or not distance.any():
         return 1.0, 10.0  # all cameras are at one position, so the unit of length does not matter

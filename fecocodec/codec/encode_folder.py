@@ -154,7 +154,13 @@ def _read(
 
     Others replace checks that cannot be read, if none is left, and coded views that are not named.
     """
-    decide = partial(_coded_views, scene, options, messages, on_progress)
+
+    def decide(order: list[int], others: list[int]) -> list[int]:
+        from fecocodec.codec.view_count import coded_views  # it loads torch
+
+        on_progress("choosing views", 0.0)
+        return coded_views(scene, options, messages.note, order, others)
+
     roles = choose_roles(
         scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
     )
@@ -179,21 +185,6 @@ def _read(
         if readable is scene:
             return roles, found
     return _read(readable, options, messages, on_progress)
-
-
-def _coded_views(
-    scene: PosedPhotographs,
-    options: EncodingOptions,
-    messages: Messages,
-    on_progress: OnProgress,
-    order: list[int],
-    others: list[int],
-) -> list[int]:
-    """Return which of the candidates are coded, see `coded_views`."""
-    from fecocodec.codec.view_count import coded_views
-
-    on_progress("choosing views", 0.0)
-    return coded_views(scene, options, messages.note, order, others)
 
 
 def _framed(

@@ -106,7 +106,12 @@ def encode_views(
     if options.target is None:
         coder = partial(encode, lmbda=options.lmbda, num_stages=options.num_stages)
     else:
-        coder = partial(encode_to_target, target=options.target, checks=checks, on_lambda=messages.chosen_lambda)
+        coder = partial(
+            encode_to_target,
+            target=options.target,
+            checks=checks,
+            on_lambda=lambda lmbda: messages.note(f"lambda {lmbda:.3g} reaches the target."),
+        )
     with error_context(messages.path, (InputError,)):
         data = coder(
             views,

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from fecocodec.errors import InputError, of_archive, strict_error
+from fecocodec.errors import InputError, StrictError, of_archive
 
 OnMessage = Callable[[str], None]  # (sentence)
 
@@ -48,15 +48,12 @@ class Messages:
                 self.notes.append(sentence)
                 self._on_note(sentence)
 
-    def chosen_lambda(self, lmbda: float) -> None:
-        """Note the lambda that was chosen for a target."""
-        self.note(f"lambda {lmbda:.3g} reaches the target.")
-
     def warn(self, *sentences: str) -> None:
         """Raises StrictError for the first warning if it is an error."""
         for sentence in map(self._told, sentences):
             if self._is_strict:
-                raise strict_error(str(self.path), sentence)
+                warning = sentence.removesuffix(".")
+                raise StrictError(f"{self.path}: {warning} (`strict` makes this warning an error).")
             if sentence not in self.warnings:
                 self.warnings.append(sentence)
                 self._on_warning(sentence)

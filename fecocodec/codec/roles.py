@@ -11,8 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fecocodec.camera_files.pose_validation import require_float32_range, rigid_pose
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, require_usable, stored_lens
+from fecocodec.camera_files.posed_photographs import (
+    PosedPhotograph,
+    PosedPhotographs,
+    require_float32_range,
+    require_usable,
+    rigid_pose,
+    stored_lens,
+)
 from fecocodec.captures.reading_notes import omission_notes, passed_over_notes, without_copies
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Selection, Spread
@@ -166,10 +172,7 @@ def _named(
     views: Selection | None,
     guides: tuple[int | str, ...] | None,
 ) -> tuple[list[int], list[int]]:
-    """Return the coded photographs and the guides that are named.
-
-    Raises InputError if one does not exist, or is both.
-    """
+    """Return the named coded photographs and guides. Raises InputError if one does not exist, or is both."""
     named = list[int]()
     if isinstance(views, tuple):
         require_usable(choose_views(photographs, views, folder))

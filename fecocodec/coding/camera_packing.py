@@ -10,10 +10,7 @@ LARGEST_SKEW = 1e-6  # in image widths; smaller values are rounding errors
 
 
 def pack(cameras: Cameras) -> PackedCameras:
-    """Convert the cameras of one scene (no batch dimension) to float32 values of the container.
-
-    Raises InputError for intrinsics with skew.
-    """
+    """Convert the cameras of one scene (no batch axis) to float32 of the container. Raises InputError for skew."""
     intrinsics = cameras.intrinsics
     for number, skew in enumerate(intrinsics[:, 0, 1].tolist(), start=1):
         if not abs(skew) <= LARGEST_SKEW:

@@ -135,10 +135,7 @@ def export_integers(module: nn.Module) -> dict[str, Int[Tensor, "..."]]:
 
 
 def load_integers(module: nn.Module, integers: dict[str, Int[Tensor, "..."]]) -> None:
-    """Set all fixed-point layers of `module` from exported integers.
-
-    Raises ModelError for a wrong name, shape, dtype or range.
-    """
+    """Set all fixed-point layers from exported integers. Raises ModelError for a wrong name, shape, dtype or range."""
     expected = export_integers(module)
     if expected.keys() != integers.keys():
         name = sorted(expected.keys() ^ integers.keys())[0]

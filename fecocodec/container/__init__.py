@@ -2,19 +2,16 @@
 
 from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.detail_section import MAX_DETAIL_STEP, Detail
-from fecocodec.container.header import CURRENT_VERSION, EXCESS_UNIT, FormatVersion, Header
-from fecocodec.container.header_bytes import SIGNATURE, read_header
-from fecocodec.container.inspection import SectionSummary, StreamSummary, inspect, list_sections
+from fecocodec.container.header import EXCESS_UNIT, FormatVersion, Header
+from fecocodec.container.header_bytes import read_header
+from fecocodec.container.inspection import StreamSummary, inspect, list_sections
 from fecocodec.container.lambda_quantisation import (
-    LAMBDA_MAX,
-    LAMBDA_MIN,
     LAMBDA_Q_MAX,
     dequantise_lambda,
     quantise_lambda,
 )
-from fecocodec.container.stage_choice import Stages, check_pixels, check_symbol_digest, read_stages
+from fecocodec.container.stage_choice import Stages, check_pixels, check_symbol_digest, decode_stages, read_stages
 from fecocodec.container.stream import (
-    MAX_STREAM_BYTES,
     IntactPart,
     Stream,
     read_intact,
@@ -28,26 +25,21 @@ from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
 
 __all__ = [
     "COVERAGE_CELLS",
-    "CURRENT_VERSION",
     "EXCESS_UNIT",
     "FADING_BLOCKS",
-    "LAMBDA_MAX",
-    "LAMBDA_MIN",
     "LAMBDA_Q_MAX",
     "MAX_DETAIL_STEP",
-    "MAX_STREAM_BYTES",
-    "SIGNATURE",
     "Detail",
     "FormatVersion",
     "Header",
     "IntactPart",
     "PackedCameras",
-    "SectionSummary",
     "Stages",
     "Stream",
     "StreamSummary",
     "check_pixels",
     "check_symbol_digest",
+    "decode_stages",
     "dequantise_lambda",
     "inspect",
     "list_sections",

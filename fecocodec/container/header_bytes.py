@@ -38,10 +38,7 @@ class ParsedHeader(NamedTuple):
 
 
 def write_header(header: Header, num_sections: int) -> bytes:
-    """Return the bytes of a header that announces `num_sections` sections.
-
-    Raises BitstreamError for a field outside its limits.
-    """
+    """Return the bytes of a header of `num_sections` sections. Raises BitstreamError for a field outside its limits."""
     check_header(header, num_sections)
     fixed = _FIXED.pack(
         SIGNATURE,

@@ -14,10 +14,7 @@ from fecocodec.errors import BitstreamError
 
 @dataclass(frozen=True)
 class SectionSummary:
-    """One section of a stream.
-
-    offset: of its first byte. length: of its payload, in bytes. is_intact: whether its CRC-32 matches.
-    """
+    """A section of a stream. offset: of its first byte. length: of its payload. is_intact: whether its CRC-32 fits."""
 
     name: str
     offset: int

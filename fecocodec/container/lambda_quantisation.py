@@ -14,10 +14,7 @@ LAMBDA_Q_MAX = 1768  # round(256 * ln(LAMBDA_MAX / LAMBDA_MIN))
 
 
 def quantise_lambda(lmbda: float) -> int:
-    """Return lambda_q = `round(256 * ln(lambda / 1e-5))`, in [0, 1768].
-
-    Raises InputError for a lambda outside [1e-5, 1e-2].
-    """
+    """Return lambda_q = `round(256 * ln(lambda / 1e-5))` of a lambda in [1e-5, 1e-2]. Raises InputError for others."""
     if not LAMBDA_MIN <= lmbda <= LAMBDA_MAX:
         raise InputError(
             f"lambda is {lmbda}, outside the range of the codec; choose one from {LAMBDA_MIN} to {LAMBDA_MAX}."
@@ -26,10 +23,7 @@ def quantise_lambda(lmbda: float) -> int:
 
 
 def dequantise_lambda(lambda_q: int) -> float:
-    """Return lambda = `1e-5 * exp(lambda_q / 256)` of an integer in [0, 1768].
-
-    Raises InputError for an integer outside [0, 1768].
-    """
+    """Return lambda = `1e-5 * exp(lambda_q / 256)` of an integer in [0, 1768]. Raises InputError for others."""
     if not 0 <= lambda_q <= LAMBDA_Q_MAX:
         raise InputError(f"quantised lambda is {lambda_q}, outside its range; choose one from 0 to {LAMBDA_Q_MAX}.")
     return LAMBDA_MIN * math.exp(lambda_q / STEPS_PER_E)

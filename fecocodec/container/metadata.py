@@ -35,10 +35,7 @@ def pack_metadata(metadata: Metadata) -> bytes:
 
 
 def unpack_metadata(payload: bytes, place: str) -> Metadata:
-    """Return the metadata of a payload.
-
-    Raises BitstreamError, whose message starts with `place`, for an invalid payload.
-    """
+    """Return the metadata of a payload. Raises BitstreamError, which begins with `place`, for an invalid payload."""
     try:
         frame = zstandard.get_frame_parameters(payload)
         if frame.content_size > MAX_JSON_BYTES:  # zstd reports an unstated size as 2^64 - 1

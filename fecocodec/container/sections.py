@@ -51,10 +51,7 @@ _MAX_PAYLOADS: dict[int, int] = {
 
 @dataclass(frozen=True)
 class SectionHead:
-    """Head of a section, whose CRC-32 is not yet checked.
-
-    offset: of its first byte in the stream. length: of the payload, in bytes.
-    """
+    """Head of a section, whose CRC-32 is not yet checked. offset: of its first byte. length: of the payload."""
 
     kind: int
     offset: int

@@ -1,11 +1,15 @@
 """The stages of a stream that a receiver decodes, and the checks that every receiver makes."""
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Literal, TypeVar
 
+from fecocodec.container.detail_section import Detail
 from fecocodec.container.header import Header
-from fecocodec.container.stream import IntactPart, read_intact, read_prefix, read_stream
+from fecocodec.container.stream import IntactPart, Stream, read_intact, read_prefix, read_stream
 from fecocodec.errors import BitstreamError, InputError
+from fecocodec.progress import OnProgress
 
+State = TypeVar("State")
 Stages = int | Literal["all", "intact"]
 """All stages, that many first ones, or those before the first damage."""
 
@@ -22,6 +26,33 @@ def read_stages(data: bytes, stages: Stages) -> IntactPart:
     if isinstance(stages, int):
         return IntactPart(read_prefix(data, stages), damage=None)
     return read_intact(data) if stages == "intact" else IntactPart(read_stream(data), damage=None)
+
+
+def decode_stages(
+    stream: Stream,
+    stages: Stages,
+    advance: Callable[[int, bytes, State | None], State],
+    with_detail: Callable[[Detail, State], State],
+    on_progress: OnProgress,
+) -> tuple[State, int, str | None]:
+    """Return the last state, the number of its stage, and the message about damage that "intact" tolerates.
+
+    stream, stages: as for `read_stages`. advance: (stage, payload, state before it, if any) -> state. with_detail:
+    (detail, state) -> state. Raises BitstreamError as these do.
+    """
+    state, number, damage = None, 0, None
+    try:
+        for stage, payload in enumerate(stream.payloads, start=1):
+            on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
+            state, number = advance(stage, payload, state), stage
+        if stream.detail is not None and state is not None and number == stream.header.num_stages:
+            state = with_detail(stream.detail, state)
+    except BitstreamError as error:
+        if state is None or stages != "intact":
+            raise
+        damage = str(error)
+    assert state is not None  # a stream has at least one stage
+    return state, number, damage
 
 
 def check_pixels(header: Header, max_pixels: int) -> None:

@@ -127,10 +127,7 @@ def read_prefix(data: bytes, num_stages: int) -> Stream:
 
 
 def read_packed_cameras(data: bytes) -> PackedCameras:
-    """Return the cameras of a stream; sections after them may be damaged or missing.
-
-    Raises BitstreamError for a rule broken in or before the camera section.
-    """
+    """Return the cameras of a stream. Raises BitstreamError for a rule broken in or before the camera section."""
     return _read_until(data, read_header(data), SectionKind.CAMERAS, 0).cameras
 
 

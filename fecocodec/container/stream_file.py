@@ -60,10 +60,7 @@ def _open_at_once(path: str, flags: int) -> int:
 
 
 def _first_bytes(pipe: int, path: Path) -> bytes:
-    """Wait for a writer of a pipe that was opened by `_open_at_once`, and return bytes it has written, if any yet.
-
-    Later reads wait for the writer.
-    """
+    """Wait for a writer of a pipe that `_open_at_once` opened; return what it has written. Later reads wait, too."""
     end = time.monotonic() + SECONDS_WITHOUT_WRITER
     first = b""
     while not first:

@@ -13,7 +13,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.atomic import make_folder, write_file
 from fecocodec.captures.evaluation_index import IndexEntry, read_index
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.errors import InputError, ModelError
@@ -160,8 +160,7 @@ def _write_paper_tables(folder: Path, codec: Codec, rows: Sequence[Average], ext
     if find_spec("matplotlib") is not None:
         for chart in quality_charts(rows, external):
             write_png(chart, folder / f"{chart.name}.png")
-    with write_atomically(folder / COMPLEXITY_TABLE, overwrite=True) as temporary:
-        temporary.write_text(complexity_table(codec, rows, external))
+    write_file(folder / COMPLEXITY_TABLE, complexity_table(codec, rows, external), overwrite=True)
 
 
 def choose_entries(
@@ -180,10 +179,7 @@ def choose_entries(
 
 
 def weights_label(model: Path, size: tuple[int, int] | None) -> str:
-    """Return a text that identifies the weights of sender and receiver, and the image size if it is given.
-
-    Raises ModelError if the weights cannot be read.
-    """
+    """Return a text that identifies the weights, and the image size if given. Raises ModelError for unreadable ones."""
     try:
         both = [(model / name).read_bytes() for name in (RECEIVER_FILE, SENDER_FILE)]
     except OSError as error:
@@ -207,8 +203,7 @@ def write_tables(folder: Path, found: Sequence[Measurement], report: Report) -> 
         "summary.json": json.dumps(summary, indent=1),
     }
     for name, text in texts.items():
-        with write_atomically(folder / name, overwrite=True) as temporary:
-            temporary.write_text(text)
+        write_file(folder / name, text, overwrite=True)
 
 
 def _drawing(plan: Plan, lambdas: Sequence[float]) -> Draw:

@@ -103,10 +103,7 @@ def evaluate(system: System, root: Path, entries: tuple[IndexEntry, ...], size: 
 
 
 def score(system: System, name: str, views: Views, num_context: int, guides: Views | None = None) -> Score:
-    """Encode the first `num_context` views, and measure the quality of all views.
-
-    guides: for systems that learn from photographs that are not coded.
-    """
+    """Encode the first `num_context` views and measure all. guides: not coded; systems that learn use them."""
     result = system.run(views, num_context, guides)
     images = views.outside_masks(result.images)
     targets, photographs = images[num_context:], views.images[num_context:]

@@ -53,10 +53,7 @@ class RecordFile:
     """Measurements backed by a JSON Lines file. Those in the file are not repeated, except failed ones."""
 
     def __init__(self, path: Path, others: Sequence[Path] = ()) -> None:
-        """Read the file if it exists, after the `others`, which are not written to.
-
-        Raises InputError if a file does not contain measurements.
-        """
+        """Read the file, if it exists, after `others`, which are never written. Raises InputError for other content."""
         self.path = path
         self.measurements: dict[tuple[str, str, str, str], Measurement] = {}
         for known in (*others, path):

@@ -109,21 +109,15 @@ def _comparison(name: str, theirs: Mapping[str, RatedPoint], ours: Mapping[str, 
 
 
 def _average(found: Sequence[Measurement]) -> Average:
+    names = ["bits_per_pixel", "psnr", "ssim", "ms_ssim", "flip", "st_lpips", "lpips", "lpips_alex", "context_psnr"]
+    means: dict[str, Any] = {name: _mean_if_all([getattr(m, name) for m in found]) for name in names}
     return Average(
         system=found[0].system,
         setting=found[0].setting,
         entries=len(found),
         kib=fmean(m.num_bytes for m in found) / 1024,
-        bits_per_pixel=fmean(m.bits_per_pixel for m in found),
         gaussians=fmean(m.num_gaussians for m in found),
-        psnr=fmean(m.psnr for m in found),
-        ssim=fmean(m.ssim for m in found),
-        ms_ssim=_mean_if_all([m.ms_ssim for m in found]),
-        flip=_mean_if_all([m.flip for m in found]),
-        st_lpips=_mean_if_all([m.st_lpips for m in found]),
-        lpips=_mean_if_all([m.lpips for m in found]),
-        lpips_alex=_mean_if_all([m.lpips_alex for m in found]),
-        context_psnr=fmean(m.context_psnr for m in found),
+        **means,
         encode_seconds=median(m.encode_seconds for m in found),
         decode_seconds=median(m.decode_seconds for m in found),
         peak_mib=max((m.peak_mib for m in found if m.peak_mib is not None), default=None),
@@ -136,10 +130,7 @@ def _mean_if_all(values: Sequence[float | None]) -> float | None:
 
 
 def as_tsv(rows: Sequence[Any]) -> str:
-    """Format dataclass instances of one type as TSV: a header line, then one line per row.
-
-    Floats have six significant digits; None is an empty cell.
-    """
+    """Format dataclass instances of one type as TSV with a head line: floats with six digits, None as empty cells."""
     if not rows:
         return ""
     lines = ["\t".join(asdict(rows[0]))]

@@ -1,7 +1,7 @@
 """Pinhole cameras: extrinsics are camera-to-world in OpenCV axes, intrinsics are normalised by width and height."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from einops import rearrange
@@ -46,6 +46,11 @@ class Cameras:
     def of(cls, cameras: "Cameras | SceneCameras") -> "Cameras":
         """Return cameras as tensors; those of arrays share their memory."""
         return cls(*map(torch.as_tensor, cameras.fields()))
+
+    @classmethod
+    def in_float32(cls, extrinsics: Any, intrinsics: Any, near: float, far: float) -> "Cameras":
+        """Return cameras of arrays, which may be in float64."""
+        return cls(*(torch.as_tensor(x, dtype=torch.float32) for x in (extrinsics, intrinsics, near, far)))
 
     def arrays(self) -> SceneCameras:
         """Return the cameras of one scene as arrays; those of tensors on the CPU share their memory."""
@@ -128,10 +133,7 @@ def image_positions(
 
 
 def pixel_rays(cameras: Cameras, height: int, width: int) -> Float[Tensor, "*batch view height width 3"]:
-    """Return the direction through each pixel centre in the camera frame, scaled to z = 1.
-
-    A direction times a depth is the point at that depth.
-    """
+    """Return the direction through each pixel centre in the camera frame, of z = 1: times a depth, the point there."""
     device, dtype = cameras.intrinsics.device, cameras.intrinsics.dtype
     v, u = torch.meshgrid(
         (torch.arange(height, device=device, dtype=dtype) + 0.5) / height,

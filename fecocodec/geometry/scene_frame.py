@@ -18,10 +18,7 @@ RATIO_BITS = 11  # significant bits of far / near
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """Transformation from the normalised frame to the world frame: `world = scale * normalised + origin`.
-
-    origin: in scene units. scale: near, in scene units.
-    """
+    """Transformation `world = scale * normalised + origin`. origin: in scene units. scale: near, in scene units."""
 
     origin: Float64[np.ndarray, "3"]
     scale: float

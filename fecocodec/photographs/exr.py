@@ -25,23 +25,22 @@ _USUAL_NAMES = {"combined", "beauty", "rgba", "rgb", "color", "colour"}  # of th
 
 
 @dataclass(frozen=True)
-class ExrImage:
-    """Content of an OpenEXR file; None for what the file lacks.
+class Photograph:
+    """Pixels of a photograph.
 
-    colour: sRGB in [0, 1]. depth: channel Z, in scene units, unless it is CIE Z. alpha: opacity in [0, 1].
-    clipped: share of the pixels with light above 1, which is clipped. blackened: share of those with a stored value
-    that is NaN or negative, which becomes 0.
+    colour: sRGB in [0, 1]. alpha: opacity in [0, 1], None without transparency. Of OpenEXR alone: clipped, the share of
+    pixels with light above 1, which is clipped; blackened, of those with a value that is NaN or negative, which becomes
+    0.
     """
 
     colour: Float[Tensor, "3 height width"]
-    depth: Float[Tensor, "height width"] | None
-    alpha: Float[Tensor, "height width"] | None = None
+    alpha: Float[Tensor, "height width"] | None
     clipped: float = 0.0
     blackened: float = 0.0
 
 
-def read_exr(path: Path, background: float = 1.0) -> ExrImage:
-    """Read colour, depth and opacity in the display window; what the data window leaves out is black and transparent.
+def read_exr(path: Path, background: float = 1.0) -> Photograph:
+    """Read colour and opacity in the display window; what the data window leaves out is black and transparent.
 
     Colour is R, G and B, CIE X, Y and Z, luminance Y, or Y with the chroma channels RY and BY, of the part and layer
     that `colour_layer` chooses. It is composited on a background if there is opacity A. Stated chromaticities are
@@ -65,9 +64,8 @@ def read_exr(path: Path, background: float = 1.0) -> ExrImage:
     stored = torch.stack([plane for name, plane in planes.items() if name in ("R", "G", "B", "Y")])
     blackened = (stored.isnan() | (stored < -_HALF_STEP)).any(dim=0).float().mean().item()
     clipped = (light > 1 + _HALF_STEP).any(dim=0).float().mean().item()
-    depth = None if "X" in planes else planes.get("Z")
     opacity = None if alpha is None else alpha.nan_to_num(nan=0.0).clamp(0, 1)
-    return ExrImage(linear_to_srgb(light), depth, opacity, clipped, blackened)
+    return Photograph(linear_to_srgb(light), opacity, clipped, blackened)
 
 
 def read_exr_size(path: Path) -> tuple[int, int]:
@@ -193,15 +191,18 @@ def _upsampled(values: Float[Tensor, "height width"], axis: int, factor: int) ->
     return values.index_select(axis, before) * (1 - weight) + values.index_select(axis, after) * weight
 
 
-def write_exr(path: Path, image: ExrImage, *, overwrite: bool = False) -> None:
-    """Write colour as linear float32 channels R, G, B, and depth, if present, as channel Z.
-
-    Raises OutputError if the file cannot be written.
-    """
-    linear = srgb_to_linear(image.colour.detach().cpu().float())
+def write_exr(
+    path: Path,
+    colour: Float[Tensor, "3 height width"],
+    depth: Float[Tensor, "height width"] | None = None,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write colour as linear float32 channels R, G, B, and depth, if any, as Z. Raises OutputError if writing fails."""
+    linear = srgb_to_linear(colour.detach().cpu().float())
     channels = {"RGB": rearrange(linear, "rgb h w -> h w rgb").contiguous().numpy()}
-    if image.depth is not None:
-        channels["Z"] = image.depth.detach().cpu().float().contiguous().numpy()
+    if depth is not None:
+        channels["Z"] = depth.detach().cpu().float().contiguous().numpy()
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with write_atomically(path, overwrite=overwrite) as temporary:
         try:

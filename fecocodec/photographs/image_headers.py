@@ -4,8 +4,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from fecocodec.errors import InputError
-from fecocodec.input_file import StrPath, require_regular_file
+from fecocodec.input_file import StrPath, first_bytes
 from fecocodec.photographs.orientation import UPRIGHT
 from fecocodec.photographs.pillow_images import RAW_SUFFIXES, orientation_with_pillow, size_with_pillow
 
@@ -40,12 +39,7 @@ def is_unread(path: Path) -> bool:
 
 def is_misnamed(path: Path) -> bool:
     """Return whether a file is an image by its first bytes, but by its name neither one nor hidden."""
-    try:
-        require_regular_file(path)  # a pipe would block
-        with path.open("rb") as file:
-            is_image = _SIGNATURE.match(file.read(12)) is not None
-    except (OSError, InputError):
-        return False
+    is_image = _SIGNATURE.match(first_bytes(path, 12)) is not None
     return is_image and not (has_image_name(path) or is_unread(path) or path.name.startswith("."))
 
 
@@ -81,12 +75,8 @@ def conversion_advice(unread: list[Path]) -> str:
 
 def is_exr(path: Path) -> bool:
     """Return whether a file is OpenEXR, by its first bytes; by its name if they cannot be read."""
-    try:
-        require_regular_file(path)  # a pipe would block
-        with path.open("rb") as file:
-            return file.read(len(_EXR_SIGNATURE)) == _EXR_SIGNATURE
-    except (OSError, InputError):
-        return path.suffix.lower() == ".exr"
+    head = first_bytes(path, len(_EXR_SIGNATURE))
+    return head == _EXR_SIGNATURE if head else path.suffix.lower() == ".exr"
 
 
 def is_upright(path: Path) -> bool:

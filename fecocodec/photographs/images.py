@@ -4,7 +4,7 @@ Colours are converted to sRGB. The EXIF orientation is ignored, because camera f
 stored. Transparent pixels are composited on white by default, the convention of NeRF's synthetic scenes.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +19,7 @@ from torch import Tensor
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.exr import ExrImage, read_exr, write_exr
+from fecocodec.photographs.exr import Photograph, read_exr, write_exr
 from fecocodec.photographs.image_headers import is_exr
 from fecocodec.photographs.pillow_images import decode_with_pillow
 
@@ -38,46 +38,22 @@ def read_image(path: StrPath) -> Float[Tensor, "3 height width"]:
 
     Raises InputError if the file is missing, damaged, too large (64 megapixels, 512 MiB), or of another format.
     """
-    return read_image_and_alpha(path)[0]
-
-
-@dataclass(frozen=True)
-class Photograph:
-    """Pixels of a photograph.
-
-    colour: sRGB in [0, 1]. alpha: opacity in [0, 1]; None if it is opaque everywhere. clipped, blackened: as for
-    `ExrImage`.
-    """
-
-    colour: Float[Tensor, "3 height width"]
-    alpha: Float[Tensor, "height width"] | None
-    clipped: float = 0.0
-    blackened: float = 0.0
-
-
-def read_image_and_alpha(
-    path: StrPath, background: Background = "white"
-) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Read colour and opacity as `read_photograph` does."""
-    photograph = read_photograph(path, background)
-    return photograph.colour, photograph.alpha
+    return read_photograph(path).colour
 
 
 def read_photograph(path: StrPath, background: Background = "white") -> Photograph:
-    """Read an image like `read_image`, composited on `background`, and its opacity."""
-    path, clipped, blackened = Path(path), 0.0, 0.0
+    """Read an image like `read_image`, composited on `background`, and its opacity; None if it is opaque everywhere."""
+    path = Path(path)
     if is_exr(path):
-        image = read_exr(path, LEVELS[background])
-        colour, alpha, clipped, blackened = image.colour, image.alpha, image.clipped, image.blackened
+        found = read_exr(path, LEVELS[background])
     else:
-        colour, alpha = _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
-    is_opaque = alpha is None or bool((alpha == 1.0).all())
-    return Photograph(colour, None if is_opaque else alpha, clipped, blackened)
+        found = _composited(torch.from_numpy(decode_with_pillow(path, path)), LEVELS[background])
+    return replace(found, alpha=None) if found.alpha is not None and bool((found.alpha == 1.0).all()) else found
 
 
 def decode_image(data: bytes, place: str) -> Float[Tensor, "3 height width"]:
     """Decode the bytes of an image other than OpenEXR like `read_image`; error messages begin with `place`."""
-    return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"])[0]
+    return _composited(torch.from_numpy(decode_with_pillow(BytesIO(data), place)), LEVELS["white"]).colour
 
 
 def read_eight_bits(path: StrPath) -> UInt8[np.ndarray, "height width 3"]:
@@ -93,7 +69,7 @@ def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwr
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".exr":
-        return write_exr(path, ExrImage(image, None), overwrite=overwrite)
+        return write_exr(path, image, overwrite=overwrite)
     if suffix not in _SAVE_OPTIONS:
         known = ", ".join((*_SAVE_OPTIONS, ".exr"))
         raise OutputError(f"{path}: images of kind {suffix!r} are not written; use one of {known}.")
@@ -105,11 +81,9 @@ def write_image(path: StrPath, image: Float[Tensor, "3 height width"], *, overwr
         Image.fromarray(bytes_hwc).save(temporary, **_SAVE_OPTIONS[suffix])
 
 
-def _composited(
-    pixels: Float[Tensor, "channel height width"], level: float
-) -> tuple[Float[Tensor, "3 height width"], Float[Tensor, "height width"] | None]:
-    """Composite 4 channels on a grey level and return colour and opacity; 3 channels are returned unchanged."""
+def _composited(pixels: Float[Tensor, "channel height width"], level: float) -> Photograph:
+    """Composite 4 channels on a grey level; 3 channels remain as they are."""
     if len(pixels) == 3:
-        return pixels, None
+        return Photograph(pixels, None)
     colour, alpha = pixels[:3], pixels[3].clone()
-    return colour.mul_(alpha).add_(level * (1 - alpha)), alpha
+    return Photograph(colour.mul_(alpha).add_(level * (1 - alpha)), alpha)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.photographs.image_headers import has_image_name, is_mask_folder
-from fecocodec.photographs.images import read_image_and_alpha
+from fecocodec.photographs.images import read_photograph
 from fecocodec.photographs.lens import ASPECT_TOLERANCE
 
 FOLDER = "masks"
@@ -81,8 +81,8 @@ def read_mask(path: Path, height: int, width: int) -> Bool[Tensor, "height width
     mask are transparent, these are black, and the rest is white.
     Raises InputError if the mask cannot be read or has another shape.
     """
-    colour, alpha = read_image_and_alpha(path)
-    levels = (255 * (colour.amax(dim=0) if alpha is None else alpha)).round()
+    mask = read_photograph(path)
+    levels = (255 * (mask.colour.amax(dim=0) if mask.alpha is None else mask.alpha)).round()
     rows, columns = levels.shape
     if abs(rows * width - columns * height) > ASPECT_TOLERANCE * columns * height:
         raise InputError(

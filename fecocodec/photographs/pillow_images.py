@@ -11,7 +11,7 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from fecocodec.errors import InputError, installation
-from fecocodec.input_file import MAX_IMAGE_PIXELS, require_regular_file
+from fecocodec.input_file import MAX_IMAGE_PIXELS, first_bytes, require_regular_file
 from fecocodec.photographs.colour import adobe_rgb_to_srgb, profile_to_srgb
 from fecocodec.photographs.orientation import LAST_ORIENTATION, UPRIGHT, as_stored, turned_upright
 from fecocodec.photographs.png16 import HEAD_BYTES, decode_sixteen_bits, has_sixteen_bits
@@ -37,10 +37,7 @@ def decode_with_pillow(source: Path | BytesIO, place: Path | str) -> Float[np.nd
 
 
 def upright_with_pillow(path: Path) -> Image.Image:
-    """Return a photograph as 8-bit sRGB, on white if transparent, turned upright by its EXIF orientation.
-
-    Raises InputError as `decode_with_pillow` does.
-    """
+    """Return a photograph, upright by EXIF, as 8-bit sRGB on white. Raises InputError as `decode_with_pillow` does."""
     samples = _read_samples(path, path)
     if samples.dtype == np.uint16:
         samples = np.rint(samples / np.float32(257)).astype(np.uint8)
@@ -179,10 +176,7 @@ def _register_heic(place: Path | str) -> None:
 
 def _head(source: Path | BytesIO, count: int) -> bytes:
     """Return the first `count` bytes, or all of them."""
-    if isinstance(source, BytesIO):
-        return source.getvalue()[:count]
-    with source.open("rb") as file:
-        return file.read(count)
+    return source.getvalue()[:count] if isinstance(source, BytesIO) else first_bytes(source, count)
 
 
 def _read_samples(source: Path | BytesIO, place: Path | str) -> Samples:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from PIL import Image
 
-from fecocodec.errors import InputError, installation
+from fecocodec.errors import InputError, OutputError, installation
 from fecocodec.photographs.colour import is_hdr
 from fecocodec.photographs.lens import require_known_model
 from fecocodec.photographs.video_pixels import Stream, in_srgb, is_transparent, side_data, upright
@@ -31,6 +32,12 @@ _RECTILINEAR = 4  # AV_SPHERICAL_RECTILINEAR; others are panoramas
 def is_video(path: Path) -> bool:
     """Return whether the name of a file is that of a video."""
     return path.suffix.lower() in VIDEO_SUFFIXES and not path.name.startswith(".") and not path.is_dir()
+
+
+def require_video_extra() -> None:
+    """Raise OutputError, which names the extra to install, if PyAV is missing."""
+    if find_spec("av") is None:
+        raise OutputError(f"writing a video needs the package av; run {installation('video')}.")
 
 
 def write_sharp_frames(
@@ -110,7 +117,8 @@ def _frames(video: Path, damage: _Damage) -> Iterator[tuple[Any, Stream]]:
         with av.open(str(video)) as container:
             if not container.streams.video:
                 raise InputError(f"{video}: there is no video in this file; give a video or a folder of photographs.")
-            stream: Any = max(container.streams.video, key=_frames_and_size)  # a picture of the cover may come first
+            # A picture of the cover may come first. Files need not state their number of frames, which is then 0.
+            stream: Any = max(container.streams.video, key=lambda one: (one.frames, one.width * one.height))
             stream.thread_type = "AUTO"
             coded = stream.codec_context
             start, damage.stated = _stated_span(container, stream)
@@ -167,11 +175,6 @@ def _unreadable(video: Path, reason: str | None) -> str:
         f"{video}: the video cannot be read ({reason or 'damaged frames'}); it is damaged, cut short or of an unknown "
         "kind: copy it again, or convert it to MP4 (H.264)."
     )
-
-
-def _frames_and_size(stream: Any) -> tuple[int, int]:
-    """Return the number of frames, 0 if the file does not state it, and the pixels of a frame."""
-    return stream.frames, stream.width * stream.height
 
 
 def _measured(grey: UInt8[np.ndarray, "height width"]) -> tuple[float, Float[np.ndarray, "rows columns"]]:

@@ -13,7 +13,7 @@ from torch import Tensor
 from fecocodec.atomic import write_atomically
 from fecocodec.errors import OutputError
 from fecocodec.input_file import StrPath
-from fecocodec.photographs.video_extra import require_video_extra
+from fecocodec.photographs.video_frames import require_video_extra
 
 QUALITY = "18"  # constant rate factor of x264; 18 is nearly transparent
 

@@ -18,10 +18,7 @@ Pair = tuple[str, str]
 
 
 def likely_pairs(features: dict[str, Features]) -> list[Pair]:
-    """Return the pairs of photographs to match, names in order; all pairs of up to 24 photographs.
-
-    features: scales and descriptors of each photograph.
-    """
+    """Return the pairs to match, names in order; all of up to 24 photographs. features: scales and descriptors."""
     names, count = sorted(features), len(features)
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     is_chosen = apart <= (_NEIGHBOURS if count > _ALL_PAIRS_UP_TO else count)

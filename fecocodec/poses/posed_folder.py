@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fecocodec.atomic import require_space, temporary_folder, write_atomically
+from fecocodec.atomic import require_space, temporary_folder, write_file
 from fecocodec.errors import InputError, one_sentence, some_of
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice, is_misnamed, read_image_size
@@ -51,15 +51,11 @@ class PosedFolder:
     warnings: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
-        """Write the estimated cameras as `transforms.json`, with paths of the photographs relative to its folder.
-
-        Raises OutputError if the file cannot be written.
-        """
+        """Write `transforms.json`, with relative paths of the photographs. Raises OutputError if writing fails."""
         photographs = {photograph.name: photograph for photograph in self.photographs}
         cameras = self.reconstruction.cameras
         files = [_relative_path(photographs[camera.name], path.parent) for camera in cameras]
-        with write_atomically(path, overwrite=overwrite) as temporary:
-            temporary.write_text(json.dumps(_transforms(cameras, files), indent=2) + "\n", "utf-8")
+        write_file(path, json.dumps(_transforms(cameras, files), indent=2) + "\n", overwrite=overwrite)
 
 
 @contextmanager
@@ -166,10 +162,6 @@ def _obstacle(found: Reconstruction) -> str:
     return "the matches do not determine camera positions, as if the camera only turned"
 
 
-def _pairs(count: int) -> str:
-    return "pair" if count == 1 else "pairs"
-
-
 def _of_photograph(camera: EstimatedCamera, path: Path) -> EstimatedCamera:
     """Return the camera with its lens in pixels of the upright photograph, whose copy may be smaller."""
     short, long = sorted(read_image_size(path))
@@ -188,8 +180,8 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     return [
         f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
         f"{error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
-        f"{len(shared)} {_pairs(len(shared))} with {_MANY_MATCHES} or more matches, focal length {lens.fx:.0f} pixels "
-        f"for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
+        f"{len(shared)} pair{'' if len(shared) == 1 else 's'} with {_MANY_MATCHES} or more matches, focal length "
+        f"{lens.fx:.0f} pixels for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."
     ]
 
 

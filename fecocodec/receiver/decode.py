@@ -5,6 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from fecocodec.checkpoint import find_receiver
 from fecocodec.coding.camera_packing import unpack
@@ -14,15 +15,15 @@ from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.config import ReceiverConfig
 from fecocodec.container import (
     Detail,
-    Header,
     IntactPart,
     Stages,
     Stream,
     check_pixels,
     check_symbol_digest,
+    decode_stages,
     read_stages,
 )
-from fecocodec.errors import BitstreamError, InputError
+from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.normalisation import denormalise_gaussians, normalise_scene
@@ -35,6 +36,8 @@ from fecocodec.receiver.model import Receiver, load_receiver
 from fecocodec.receiver.state import State
 from fecocodec.splatting.background import DEFAULT_BACKGROUND, BackgroundConfig
 from fecocodec.splatting.emission import Emission, Prediction, emit
+
+_Known = tuple[State, Tensor]  # after a stage: S_k, y_hat_k
 
 
 @dataclass(frozen=True)
@@ -87,10 +90,7 @@ def decode_with(
     merging: MergingConfig | None = DEFAULT_MERGING,
     on_progress: OnProgress = ignore_progress,
 ) -> Decoded:
-    """Decode with a loaded receiver; arguments and errors as for `decode`.
-
-    The caller must ensure that the receiver has the model id of the stream.
-    """
+    """Decode with a loaded receiver, which must have the model id of the stream; otherwise as `decode` does."""
     part, emission = read_stages(data, stages), emission_of(sh_degree, background, merging)
     return _predicted(receiver, part, stages, on_progress).decoded(emission)
 
@@ -132,28 +132,40 @@ class PredictedScene:
         return Decoded(gaussians, self.cameras, (header.height, header.width), self.stages, self.damage)
 
 
-def predict_with(receiver: Receiver, data: bytes, stages: Stages = "all") -> PredictedScene:
-    """Run the networks of a loaded receiver on a stream; arguments and errors as for `decode_with`."""
-    return _predicted(receiver, read_stages(data, stages), stages, ignore_progress)
+def predict_with(receiver: Receiver, data: bytes) -> PredictedScene:
+    """Run the networks of a loaded receiver on all stages of a stream; arguments and errors as for `decode_with`."""
+    return _predicted(receiver, read_stages(data, "all"), "all", ignore_progress)
 
 
 @torch.inference_mode()
 def _predicted(receiver: Receiver, part: IntactPart, stages: Stages, on_progress: OnProgress) -> PredictedScene:
     stream, header = part.stream, part.stream.header
     cameras = unpack(stream.cameras)
-    state, num_stages, symbol_damage = _decode_stages(receiver, stream, stages, on_progress)
-    if stream.detail is not None and num_stages == header.num_stages:
-        state, symbol_damage = _with_detail(receiver, header, stream.detail, state, stages)
+    device = next(receiver.parameters()).device
+    height, width = header.grid_size
+    size_8 = (header.num_views, height // LATENTS, width // LATENTS)
+
+    def advance(stage: int, payload: bytes, before: _Known | None) -> _Known:
+        state, context = before or (None, None)
+        lambda_q = header.lambda_q_of_stage(stage)
+        coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, context)
+        check_symbol_digest(header, stage, coded.digest())
+        of_views = torch.full((header.num_views,), lambda_q, device=device)
+        return receiver.advance(state, coded.y_hat, of_views, stage), coded.y_hat
+
+    def with_detail(detail: Detail, before: _Known) -> _Known:
+        tables = None if receiver.detail is None else receiver.detail.tables.cpu().numpy()
+        values = torch.from_numpy(detail_values(tables, detail, header)).to(device)
+        return replace(before[0], detail=values), before[1]
+
+    (state, _), num_stages, symbol_damage = decode_stages(stream, stages, advance, with_detail, on_progress)
     on_progress("predicting Gaussians", 0.8)
     prediction = _prediction(receiver, state, cameras)
     return PredictedScene(stream, cameras, prediction, receiver.config, num_stages, part.damage or symbol_damage)
 
 
 def reconstruct(receiver: Receiver, state: State, cameras: Cameras, emission: Emission) -> Gaussians:
-    """Return the Gaussians of a state in the world frame and unit of length of `cameras`, on the CPU.
-
-    cameras: of the context views, as stored in the stream.
-    """
+    """Return the Gaussians of a state, on the CPU, in the frame and unit of `cameras`, the stored context views."""
     return emitted_gaussians(_prediction(receiver, state, cameras), cameras, receiver.config, emission)
 
 
@@ -183,43 +195,3 @@ def emission_of(
     if sh_degree not in range(MAX_SH_DEGREE + 1):
         raise InputError(f"spherical harmonics of degree {sh_degree} are not supported; choose 0 to {MAX_SH_DEGREE}.")
     return Emission(sh_degree=sh_degree, is_culled=True, background=background, merging=merging)
-
-
-def _with_detail(
-    receiver: Receiver, header: Header, detail: Detail, state: State, stages: Stages
-) -> tuple[State, str | None]:
-    """Return the state with the numbers of the detail layer, and the message about damage that "intact" tolerates."""
-    tables = None if receiver.detail is None else receiver.detail.tables.cpu().numpy()
-    try:
-        values = detail_values(tables, detail, header)
-    except BitstreamError as error:
-        if stages != "intact":
-            raise
-        return state, str(error)
-    return replace(state, detail=torch.from_numpy(values).to(state.state.device)), None
-
-
-def _decode_stages(
-    receiver: Receiver, stream: Stream, stages: Stages, on_progress: OnProgress
-) -> tuple[State, int, str | None]:
-    """Return the last state, the number of stages decoded, and the message about damage that "intact" tolerates."""
-    header = stream.header
-    device = next(receiver.parameters()).device
-    height, width = header.grid_size
-    size_8 = (header.num_views, height // LATENTS, width // LATENTS)
-    state: State | None = None
-    y_hat = None
-    for stage, payload in enumerate(stream.payloads, start=1):
-        on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
-        lambda_q = header.lambda_q_of_stage(stage)
-        try:
-            coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, y_hat)
-            check_symbol_digest(header, stage, coded.digest())
-        except BitstreamError as error:
-            if state is None or stages != "intact":
-                raise
-            return state, stage - 1, str(error)
-        y_hat = coded.y_hat
-        state = receiver.advance(state, y_hat, torch.full((header.num_views,), lambda_q, device=device), stage)
-    assert state is not None  # a stream has at least one stage
-    return state, len(stream.payloads), None

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import torch
+from einops import rearrange
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
@@ -12,11 +14,35 @@ from fecocodec.config import METHODS, PAPER, ReceiverConfig, stored_fields
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.grid import PER_BLOCK
 from fecocodec.layers.blocks import BlockChain, RateCondition, RateEmbedding, upsample
-from fecocodec.receiver.detail import DetailBasis
 from fecocodec.receiver.predictor import Predictor
 from fecocodec.receiver.state import State, StateUpdate
+from fecocodec.splatting.attributes import RAW
 from fecocodec.splatting.emission import Prediction
+
+NUM_BUCKETS = 16  # of the context that chooses the table of a symbol (ENTROPY.md)
+
+
+class DetailBasis(nn.Module):
+    """Numbers of each block of 8x8 pixels -> raw outputs of the head for its 4x4 Gaussians, to be added.
+
+    basis: raw outputs of a block, ordered (row, column, output), for the number 1 of each plane. tables: frequency
+    table of a symbol, by plane and context.
+    """
+
+    tables: Tensor
+
+    def __init__(self, config: ReceiverConfig) -> None:
+        super().__init__()
+        planes, raw = config.detail_planes, sum(RAW.values())
+        self.basis = nn.Parameter(0.1 * torch.randn(planes, PER_BLOCK**2 * raw) / (PER_BLOCK**2 * raw) ** 0.5)
+        self.register_buffer("tables", torch.full((planes, NUM_BUCKETS), 22, dtype=torch.uint8))
+
+    def forward(self, values: Float[Tensor, "item plane h8 w8"]) -> Float[Tensor, "item raw h2 w2"]:
+        """Return what is added to the raw outputs. values: symbols times their step."""
+        blocks = torch.einsum("ikhw,kr->irhw", values, self.basis)
+        return rearrange(blocks, "i (p q c) h w -> i c (h p) (w q)", p=PER_BLOCK, q=PER_BLOCK)
 
 
 class Synthesis(nn.Module):
@@ -134,7 +160,8 @@ def load_receiver(path: Path) -> tuple[Receiver, bytes]:
     integers = {name.removeprefix(PRIOR): value for name, value in weights.tensors.items() if name.startswith(PRIOR)}
     load_integers(receiver.prior, integers)
     floats = {name: value for name, value in weights.tensors.items() if not name.startswith(PRIOR)}
-    load_into(receiver, floats | _prior_floats(receiver), path)
+    floats |= {name: value for name, value in receiver.state_dict().items() if name.startswith(PRIOR)}
+    load_into(receiver, floats, path)
     return receiver.eval().requires_grad_(False), weights.model_id
 
 
@@ -143,7 +170,3 @@ def serialise_receiver(receiver: Receiver) -> bytes:
     integers = {PRIOR + name: value for name, value in export_integers(receiver.prior).items()}
     floats = {name: value for name, value in receiver.state_dict().items() if not name.startswith(PRIOR)}
     return serialise_weights(floats | integers, {"receiver": stored_fields(receiver.config)})
-
-
-def _prior_floats(receiver: Receiver) -> dict[str, Tensor]:
-    return {name: value for name, value in receiver.state_dict().items() if name.startswith(PRIOR)}

@@ -15,8 +15,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.kernels.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.compositing import composite
 from fecocodec.rendering.compositing_backward import composite_backward
-from fecocodec.rendering.covariances import covariances_backward, covariances_of
-from fecocodec.rendering.projection import cutoffs_of, project, project_backward
+from fecocodec.rendering.projection import covariances_backward, covariances_of, cutoffs_of, project, project_backward
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes

@@ -28,10 +28,7 @@ def render_on_cuda(
     background: tuple[float, float, float],
     near: float,
 ) -> Rendering:
-    """Render as `rasterizer.render` does. near: Gaussians whose mean is closer than this depth are not drawn.
-
-    Raises InputError as `gsplat_rasterization` does.
-    """
+    """Render as `rasterizer.render` does. near: least depth of drawn means. Raises InputError without gsplat."""
     rasterization = gsplat_rasterization()
     height, width = image_size
     drawable = _finite(gaussians)
@@ -61,10 +58,7 @@ def render_on_cuda(
 
 
 def require_rendering_device(name: str) -> None:
-    """Check a device on which Gaussians are rendered; rendering on CUDA needs gsplat.
-
-    Raises InputError if the device, or gsplat for a CUDA device, is missing.
-    """
+    """Raise InputError if a device, or gsplat, which renders on CUDA devices, is missing."""
     usable_device(name)
     if name != "cpu":
         gsplat_rasterization()

@@ -16,8 +16,9 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.checkpoint import SHIPPED, load_into, read_tensors
-from fecocodec.errors import InputError, ModelError
-from fecocodec.rendering.perceptual import distance_of_features, normalised
+from fecocodec.errors import ModelError
+from fecocodec.rendering.metrics import require_sides
+from fecocodec.rendering.perceptual import distance_of_features, distances_of_pairs, normalised
 
 LPIPS_WEIGHTS = SHIPPED / "lpips"
 
@@ -140,15 +141,8 @@ def lpips_alex(
 
 
 def _distances(trunk: str, images: Tensor, targets: Tensor) -> Tensor:
-    least, (height, width) = TRUNKS[trunk].least_side, images.shape[-2:]
-    if min(height, width) < least:
-        raise InputError(
-            f"{TRUNKS[trunk].title} of an image of {height}x{width} pixels is not defined; give at least {least} "
-            "pixels a side."
-        )
-    stacked = (stack.reshape(-1, *stack.shape[-3:]) for stack in (images, targets))
-    distances: Tensor = load_lpips(trunk, str(images.device))(*stacked)
-    return distances.reshape(images.shape[:-3])
+    require_sides(images, TRUNKS[trunk].least_side, TRUNKS[trunk].title)
+    return distances_of_pairs(load_lpips(trunk, str(images.device)), images, targets)
 
 
 def _scaled(tensors: dict[str, Tensor]) -> dict[str, Tensor]:

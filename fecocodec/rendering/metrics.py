@@ -14,6 +14,15 @@ _SCALE_EXPONENTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # from the finest s
 MS_SSIM_LEAST_SIDE = _WINDOW * 2 ** (len(_SCALE_EXPONENTS) - 1)
 
 
+def require_sides(images: Float[Tensor, "*batch channel height width"], least: int, metric: str) -> None:
+    """Raise InputError if a metric is not defined for images of this size."""
+    height, width = images.shape[-2:]
+    if min(height, width) < least:
+        raise InputError(
+            f"{metric} of an image of {height}x{width} pixels is not defined; give at least {least} pixels a side."
+        )
+
+
 def psnr(
     images: Float[Tensor, "*batch channel height width"],
     targets: Float[Tensor, "*batch channel height width"],
@@ -55,11 +64,7 @@ def ssim(
 
     Raises InputError if an image is smaller than the window.
     """
-    if min(images.shape[-2:]) < _WINDOW:
-        raise InputError(
-            f"SSIM of an image of {images.shape[-2]}x{images.shape[-1]} pixels is not defined; "
-            f"give at least {_WINDOW} pixels a side."
-        )
+    require_sides(images, _WINDOW, "SSIM")
     luminance, structure = _luminance_and_structure(images, targets, stride)
     return (luminance * structure).mean(dim=(-3, -2, -1))
 
@@ -74,11 +79,7 @@ def ms_ssim(
 
     Raises InputError if a side is under 176 pixels, because the coarsest scale must hold one window.
     """
-    if min(images.shape[-2:]) < MS_SSIM_LEAST_SIDE:
-        raise InputError(
-            f"MS-SSIM of an image of {images.shape[-2]}x{images.shape[-1]} pixels is not defined; "
-            f"give at least {MS_SSIM_LEAST_SIDE} pixels a side."
-        )
+    require_sides(images, MS_SSIM_LEAST_SIDE, "MS-SSIM")
     product = torch.ones(images.shape[:2], device=images.device, dtype=images.dtype)
     for scale, exponent in enumerate(_SCALE_EXPONENTS, start=1):
         luminance, structure = _luminance_and_structure(images, targets)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.checkpoint import SHIPPED, load_into, read_tensors
-from fecocodec.errors import InputError
+from fecocodec.rendering.metrics import require_sides
 
 ST_LPIPS_WEIGHTS = SHIPPED / "stlpips_alex" / "stlpips_alex.safetensors"
 ST_LPIPS_LEAST_SIDE = 21  # pixels; below it, the last blur has fewer than three rows to reflect
@@ -72,13 +72,15 @@ def st_lpips(
 
     Gradients reach the images. Raises InputError if a side is shorter than 21 pixels.
     """
-    if min(images.shape[-2:]) < ST_LPIPS_LEAST_SIDE:
-        raise InputError(
-            f"ST-LPIPS of an image of {images.shape[-2]}x{images.shape[-1]} pixels is not defined; "
-            f"give at least {ST_LPIPS_LEAST_SIDE} pixels a side."
-        )
-    stacked = (stack.reshape(-1, *stack.shape[-3:]) for stack in (images, targets))
-    distances: Tensor = load_st_lpips(str(images.device))(*stacked)
+    require_sides(images, ST_LPIPS_LEAST_SIDE, "ST-LPIPS")
+    return distances_of_pairs(load_st_lpips(str(images.device)), images, targets)
+
+
+def distances_of_pairs(
+    network: nn.Module, images: Float[Tensor, "*batch 3 height width"], targets: Float[Tensor, "*batch 3 height width"]
+) -> Float[Tensor, "*batch"]:
+    """Return what a network of pairs returns for images with any batch dimensions."""
+    distances: Tensor = network(*(stack.reshape(-1, *stack.shape[-3:]) for stack in (images, targets)))
     return distances.reshape(images.shape[:-3])
 
 

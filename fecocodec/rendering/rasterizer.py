@@ -49,10 +49,7 @@ def render_each(
     image_size: tuple[int, int],
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Iterator[Rendering]:
-    """Yield the rendering of one camera after another, so that memory does not grow with their number.
-
-    Arguments and errors as for `render`.
-    """
+    """Yield the rendering of one camera after another, to need little memory. Arguments and errors as for `render`."""
     for view in range(cameras.num_views):
         yield render(gaussians, cameras.select([view]), image_size, background)
 

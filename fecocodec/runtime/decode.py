@@ -9,17 +9,9 @@ from jaxtyping import Float, Int32, UInt8
 
 from fecocodec.coding.detail import detail_values
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
-from fecocodec.container import (
-    Detail,
-    Header,
-    IntactPart,
-    Stages,
-    Stream,
-    check_symbol_digest,
-)
+from fecocodec.container import Detail, Header, IntactPart, Stages, check_symbol_digest, decode_stages
 from fecocodec.entropy.digest import symbol_digest
 from fecocodec.entropy.symbol_coders import SymbolReader
-from fecocodec.errors import BitstreamError
 from fecocodec.grid import FEATURES, HYPERLATENTS
 from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
@@ -124,48 +116,23 @@ def decode(
     exported from other weights.
     """
     stream, header = part.stream, part.stream.header
-    last, damage = _decode_stages(graphs, stream, stages, on_progress)
-    if stream.detail is not None and last.stage == header.num_stages:
-        last, damage = _with_detail(graphs, header, stream.detail, last, stages)
+
+    def advance(stage: int, payload: bytes, before: tuple[LastState, Steps] | None) -> tuple[LastState, Steps]:
+        last, context = before or (None, None)
+        steps = _decode_symbols(graphs, header, payload, stage, context)
+        return _advance(graphs, header, steps, last, stage), steps
+
+    def with_detail(detail: Detail, before: tuple[LastState, Steps]) -> tuple[LastState, Steps]:
+        values = detail_values(graphs.bytes_tensor("detail.tables"), detail, header)
+        return replace(before[0], detail=values), before[1]
+
+    (last, _), _, damage = decode_stages(stream, stages, advance, with_detail, on_progress)
     on_progress("predicting Gaussians", 0.8)
     cameras = unpack(stream.cameras)
     is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
     visibility = visibility_of(stream, graphs.kind.gaussians_per_side)
     gaussians = emit(graphs, last, cameras, visibility, config, is_filled)
     return Decoded(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
-
-
-def _decode_stages(
-    graphs: Graphs, stream: Stream, stages: Stages, on_progress: OnProgress
-) -> tuple[LastState, str | None]:
-    """Return the last state, and the message about damage that "intact" tolerates."""
-    header = stream.header
-    last: LastState | None = None
-    context: Steps | None = None
-    for stage, payload in enumerate(stream.payloads, start=1):
-        on_progress(f"decoding stage {stage}", 0.4 * (stage - 1))
-        try:
-            context = _decode_symbols(graphs, header, payload, stage, context)
-        except BitstreamError as error:
-            if last is None or stages != "intact":
-                raise
-            return last, str(error)
-        last = _advance(graphs, header, context, last, stage)
-    assert last is not None  # a stream has at least one stage
-    return last, None
-
-
-def _with_detail(
-    graphs: Graphs, header: Header, detail: Detail, last: LastState, stages: Stages
-) -> tuple[LastState, str | None]:
-    """Return the state with the numbers of the detail layer, and the message about damage that "intact" tolerates."""
-    tables = graphs.bytes_tensor("detail.tables")
-    try:
-        return replace(last, detail=detail_values(tables, detail, header)), None
-    except BitstreamError as error:
-        if stages != "intact":
-            raise
-        return last, str(error)
 
 
 def _decode_symbols(graphs: Graphs, header: Header, payload: bytes, stage: int, context: Steps | None) -> Steps:

@@ -65,10 +65,7 @@ def emit(
 
 
 def _outside(graphs: Graphs, emitted: Prediction, cameras: SceneCameras) -> GaussianArrays:
-    """Return the background layer outside all images, with harmonics of degree 0.
-
-    emitted: with an opacity of 0 where no Gaussian is emitted.
-    """
+    """Return the layer outside all images, of degree 0. emitted: with an opacity of 0 where nothing is emitted."""
     poses = poses_of(cameras)
     *fields, extended = graphs.run("background", **emitted.maps(), opacities=emitted.opacities, **poses)
     candidates = GaussianArrays(*fields)

@@ -5,7 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from jaxtyping import Float32, Int32, Int64, UInt64
 
-LEAF_SIZE = 128  # largest number of points of a leaf
+from fecocodec.geometry.kd_leaves import kd_leaves
+
+LEAF_SIZE = 128  # points
 LARGEST_BLOCK = 1 << 22  # distances that are held at once, so that memory is bounded for any points
 _SLACK = np.float32(1.00001)  # on squared distances, more than the rounding errors of float32
 
@@ -20,7 +22,7 @@ def nearest_neighbours(
     points coincide.
     """
     positions = np.where(np.isfinite(points), points, np.float32(0.0))
-    leaves = _leaves(positions)
+    leaves = kd_leaves(positions, LEAF_SIZE)
     lowest = np.stack([positions[leaf].min(axis=0) for leaf in leaves])
     highest = np.stack([positions[leaf].max(axis=0) for leaf in leaves])
     found = np.empty((len(points), count), np.int32)
@@ -40,22 +42,6 @@ def nearest_neighbours(
         for _ in pool.map(search, range(len(leaves))):
             pass
     return found
-
-
-def _leaves(positions: Float32[np.ndarray, "n 3"]) -> list[Int64[np.ndarray, " _"]]:
-    """Halve the points along their widest axis until no part exceeds LEAF_SIZE; neighbours in the list are close."""
-    leaves, waiting = [], [np.arange(len(positions))]
-    while waiting:
-        members = waiting.pop()
-        if len(members) <= LEAF_SIZE:
-            leaves.append(members)
-            continue
-        inside = positions[members]
-        axis = int((inside.max(axis=0) - inside.min(axis=0)).argmax())
-        middle = len(members) // 2
-        order = np.argpartition(inside[:, axis], middle)
-        waiting += [members[order[middle:]], members[order[:middle]]]
-    return leaves
 
 
 def _squared_gaps(

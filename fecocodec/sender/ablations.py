@@ -33,8 +33,5 @@ _PARTS: dict[str, type] = {NO_CONTEXT: _WithoutContext, NO_FEEDBACK: _WithoutFee
 
 
 def without(ablation: str, encoder: type[Encoder]) -> type[Encoder]:
-    """Return the class of encoders without the parts that `ablation` names, see `CodecConfig`.
-
-    Raises KeyError for others.
-    """
+    """Return the class of encoders without the parts that `ablation` names. Raises KeyError for others."""
     return type(encoder.__name__, (*(_PARTS[part] for part in ablation.split()), encoder), {}) if ablation else encoder

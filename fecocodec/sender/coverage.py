@@ -22,10 +22,7 @@ LEAST_MEAN_OPACITY = 0.8
 
 
 def coverage_of(alpha: Float[Tensor, "view height width"] | None, header: Header) -> bytes | None:
-    """Return `Stream.coverage`, or None if all cells are covered.
-
-    alpha: opacity in [0, 1] at the size of the input views; None for opaque views.
-    """
+    """Return `Stream.coverage`; None if all is covered. alpha: opacity of the input views in [0, 1]; None if opaque."""
     if alpha is None:
         return None
     cells = covered_cells(alpha, COVERAGE_CELLS.shape(header))

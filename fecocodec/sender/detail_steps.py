@@ -1,7 +1,7 @@
 """Find the detail layer of a scene: descend on its numbers while everything that is coded before stays as it is.
 
 A step is several times cheaper than a step on latents, because no network runs: the numbers change the raw outputs of
-the predictor's head directly (`receiver/detail.py`).
+the predictor's head directly (`DetailBasis`).
 """
 
 from collections.abc import Callable

@@ -119,7 +119,8 @@ def optimise_latents(
         gaussians = gaussians_of(encoder, inputs, estimated.y_hat)
         distortion, pictures = references.distortion(gaussians, of_picture)
         if held is not None:
-            distortion = distortion + HELD_WEIGHT * _change(gaussians, held, encoder.size)
+            change = render(gaussians, held.cameras, encoder.size).color - held.images
+            distortion = distortion + HELD_WEIGHT * change.square().mean()
         errors = (photographs - pictures)[: encoder.num_views]  # on white, if there is a choice
         return Objective(distortion, price * estimated.bits.sum(), errors)
 
@@ -189,11 +190,6 @@ def hold_views_between(encoder: SceneEncoder, gaussians: Gaussians) -> HeldViews
     if cameras is None:
         return None
     return HeldViews(cameras, render(gaussians, cameras, encoder.size).color)
-
-
-def _change(gaussians: Gaussians, held: HeldViews, size: tuple[int, int]) -> Float[Tensor, ""]:
-    """Return the mean squared change of the held views."""
-    return (render(gaussians, held.cameras, size).color - held.images).square().mean()
 
 
 def gaussians_of(encoder: SceneEncoder, inputs: StageInputs, y_hat: Float[Tensor, "view latent h8 w8"]) -> Gaussians:

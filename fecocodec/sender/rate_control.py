@@ -14,7 +14,7 @@ from fecocodec.checkpoint import model_folder
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX, dequantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.geometry.views import Views
-from fecocodec.progress import OnProgress, ignore_progress
+from fecocodec.progress import OnProgress, Progress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.decoded_quality import decoded_quality, new_view_quality
 from fecocodec.sender.encode import OnOmission, OnWarning, matched_scene, write_scene
@@ -129,7 +129,7 @@ def search(
     fast: list[Point] = []
     lambda_q = FIRST_LAMBDA_Q
     for number in range(NUM_FAST_ENCODINGS):
-        report = _reporter(on_progress, f"estimating lambda, try {number + 1}", _part_of_fast(number, num_steps))
+        report = _reporter(on_progress, f"estimating lambda, try {number + 1}", number, num_steps)
         fast.append(_expected(_point(encoder(lambda_q, FAST, report), target), target, num_steps))
         lambda_q = next_lambda_q(fast)
         if any(abs(point.lambda_q - lambda_q) <= NEARBY_LAMBDA_Q for point in fast):
@@ -139,44 +139,22 @@ def search(
         _require_reachable(full, target, config, names)
         number = len(full)
         of_most = f" of up to {NUM_FULL_ENCODINGS}" if number < NUM_FULL_ENCODINGS else ""
-        report = _reporter(on_progress, f"attempt {number + 1}{of_most}", _part_of_full(number, num_steps))
+        report = _reporter(on_progress, f"attempt {number + 1}{of_most}", NUM_FAST_ENCODINGS + number, num_steps)
         full.append(encoder(lambda_q, config, report))
         lambda_q = next_lambda_q(fast, [_point(attempt, target) for attempt in full])
     return _best(full, target)
 
 
-def _part_of_fast(number: int, num_steps: int) -> tuple[float, float]:
-    """Return the fractions of all work before and after a fast encoding. number: from 0."""
-    total = NUM_FAST_ENCODINGS + NUM_FULL_ENCODINGS * _time_of_full(num_steps)
-    return number / total, (number + 1) / total
-
-
-def _part_of_full(number: int, num_steps: int) -> tuple[float, float]:
-    """Return the fractions of all work before and after a full encoding. number: from 0.
-
-    Each encoding beyond NUM_FULL_ENCODINGS counts as the last one.
-    """
-    of_each = _time_of_full(num_steps)
-    total = NUM_FAST_ENCODINGS + max(NUM_FULL_ENCODINGS, number + 1) * of_each
-    return (NUM_FAST_ENCODINGS + number * of_each) / total, (NUM_FAST_ENCODINGS + (number + 1) * of_each) / total
-
-
-def _time_of_full(num_steps: int) -> float:
-    """Return the time of a full encoding, relative to a fast one."""
-    return 1.0 + TIME_OF_STEP * num_steps
-
-
-def _reporter(on_progress: OnProgress, task: str, part: tuple[float, float]) -> OnProgress:
-    """Return the callback of one encoding, which is the part of all work between two fractions."""
-    begin, end = part
-    return lambda step, fraction: on_progress(f"{task}, {step}", begin + (end - begin) * fraction)
+def _reporter(on_progress: OnProgress, task: str, number: int, num_steps: int) -> OnProgress:
+    """Return the callback of one encoding. number: from 0, fast ones first; each beyond the usual ones is the last."""
+    num_full = max(NUM_FULL_ENCODINGS, number + 1 - NUM_FAST_ENCODINGS)
+    times = [1.0] * NUM_FAST_ENCODINGS + [1.0 + TIME_OF_STEP * num_steps] * num_full
+    part = Progress(on_progress).split(*times)[number]
+    return lambda step, fraction: part(f"{task}, {step}", fraction)
 
 
 def _is_done(full: Sequence[Attempt], target: Target) -> bool:
-    """Return whether the search can end.
-
-    It ends if an attempt is within the tolerance, or if one reaches the target and no better attempt is left to make.
-    """
+    """Return whether an attempt is within the tolerance, or one reaches the target and no better one is left."""
     points = [_point(attempt, target) for attempt in full]
     if any(is_inside(point) for point in points):
         return True

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import write_file
 from fecocodec.input_file import StrPath
 from fecocodec.splat_files.gaussian_arrays import RDF_TO_RUB, CameraArrays
 
@@ -19,8 +19,7 @@ def write_camera_json(path: StrPath, cameras: CameraArrays, names: list[str], *,
     """
     path = Path(path)
     layout = _reference_layout if path.name.lower() == REFERENCE_NAME else _nerfstudio_layout
-    with write_atomically(path, overwrite=overwrite) as temporary:
-        temporary.write_text(json.dumps(layout(cameras, names), indent=2) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(layout(cameras, names), indent=2) + "\n", overwrite=overwrite)
 
 
 def _nerfstudio_layout(cameras: CameraArrays, names: list[str]) -> dict[str, Any]:

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float, UInt32
 
 from fecocodec.geometry.gaussian_arrays import SH_DEGREE_0
-from fecocodec.splat_files.gaussian_arrays import OutputScene, kd_order, without_largest
+from fecocodec.geometry.kd_leaves import kd_leaves
+from fecocodec.splat_files.gaussian_arrays import OutputScene, without_largest
 
 CHUNK = 256
 HARMONICS_RANGE = 4.0  # harmonics above degree 0 are clipped to +-4
@@ -25,7 +26,7 @@ _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 
 def file_bytes(scene: OutputScene) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that the bounds of a chunk are tight."""
-    gaussians = scene.gaussians.ordered(kd_order(scene.gaussians.means, CHUNK))
+    gaussians = scene.gaussians.ordered(np.concatenate(kd_leaves(scene.gaussians.means, CHUNK)))
     colour = 0.5 + SH_DEGREE_0 * gaussians.harmonics[:, 0]
     log_scales = gaussians.log_scales.clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     bounds, (position, scale, rgb) = _normalised([gaussians.means, log_scales, colour])

@@ -158,23 +158,3 @@ def _multiply(first: Float[np.ndarray, " 4"], second: Float[np.ndarray, "n 4"]) 
     """Return the quaternion products wxyz `first * second`, which rotate by `second` and then by `first`."""
     w, x, y, z = first
     return second @ np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]).T
-
-
-def kd_order(points: Float[np.ndarray, "n axis"], run: int) -> Int[np.ndarray, " n"]:
-    """Return a permutation whose consecutive runs of `run` points are the leaves of a k-d tree.
-
-    Every node is split at the middle run, along the axis of its largest extent.
-    """
-    leaves: list[np.ndarray] = []
-    nodes = [np.arange(len(points))]
-    while nodes:
-        node = nodes.pop()
-        if len(node) <= run:
-            leaves.append(node)
-            continue
-        inside = points[node]
-        axis = int(np.ptp(inside, axis=0).argmax())
-        half = -(-len(node) // run) // 2 * run
-        by_axis = np.argpartition(inside[:, axis], half)
-        nodes += [node[by_axis[half:]], node[by_axis[:half]]]  # the lower half is visited first
-    return np.concatenate(leaves) if leaves else np.arange(0)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import write_file
 from fecocodec.errors import OutputError
 from fecocodec.geometry.upright import to_upright_frame, vertical
 from fecocodec.input_file import StrPath
@@ -40,8 +40,7 @@ def write_gaussians(
     """
     path = Path(path)
     data = gaussian_bytes(path, gaussians, cameras, sh_degree, spz_version)
-    with write_atomically(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes(data)
+    write_file(path, data, overwrite=overwrite)
 
 
 def gaussian_bytes(

@@ -19,10 +19,7 @@ _KIND_OF_WIDTH = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 
 
 def file_bytes(scene: OutputScene) -> bytes:
-    """Return the bytes of the file.
-
-    Cameras become glTF cameras, which have no principal point: it is taken to be the centre of the image.
-    """
+    """Return the bytes of the file. Cameras of glTF have no principal point: it is taken as the centre of the image."""
     attributes = _attributes(scene.gaussians.transformed(RDF_TO_RUB))
     buffers = [values.tobytes() for values in attributes.values()]  # all are multiples of four bytes long
     offsets = np.cumsum([0, *map(len, buffers)]).tolist()

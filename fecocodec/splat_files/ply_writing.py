@@ -11,7 +11,7 @@ import numpy as np
 from einops import rearrange
 from jaxtyping import Float32
 
-from fecocodec.atomic import write_atomically
+from fecocodec.atomic import write_file
 from fecocodec.input_file import StrPath
 from fecocodec.splat_files.gaussian_arrays import OutputScene, gaussian_arrays
 
@@ -23,8 +23,7 @@ def write_ply(path: StrPath, gaussians: Any, *, overwrite: bool = False) -> None
     """
     path = Path(path)
     data = ply_bytes(gaussians, str(path))
-    with write_atomically(path, overwrite=overwrite) as temporary:
-        temporary.write_bytes(data)
+    write_file(path, data, overwrite=overwrite)
 
 
 def file_bytes(scene: OutputScene) -> bytes:
@@ -33,10 +32,7 @@ def file_bytes(scene: OutputScene) -> bytes:
 
 
 def ply_bytes(gaussians: Any, place: str) -> bytes:
-    """Return the bytes of the file that `write_ply` writes.
-
-    Raises OutputError, which begins with `place`, if a value is not finite or out of range.
-    """
+    """Return the bytes that `write_ply` writes. Raises OutputError, beginning with `place`, for values out of range."""
     columns = _columns(place, gaussians)
     names = property_names(gaussians.harmonics.shape[-2])
     header = "".join(

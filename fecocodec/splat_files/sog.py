@@ -14,7 +14,8 @@ from jaxtyping import Float, Int, UInt8
 from PIL import Image
 from scipy.spatial import KDTree
 
-from fecocodec.splat_files.gaussian_arrays import OutputGaussians, OutputScene, kd_order, without_largest
+from fecocodec.geometry.kd_leaves import kd_leaves
+from fecocodec.splat_files.gaussian_arrays import OutputGaussians, OutputScene, without_largest
 
 MAX_PALETTE = 1 << 16
 _RUN = 64  # Gaussians that are neighbours in the images
@@ -28,7 +29,7 @@ _SCALAR_STEPS, _VECTOR_STEPS = 20, 2  # of Lloyd's algorithm
 
 def file_bytes(scene: OutputScene) -> bytes:
     """Return the bytes of the file. The Gaussians are reordered such that neighbouring pixels are alike."""
-    gaussians = scene.gaussians.ordered(kd_order(scene.gaussians.means, _RUN))
+    gaussians = scene.gaussians.ordered(np.concatenate(kd_leaves(scene.gaussians.means, _RUN)))
     images: dict[str, UInt8[np.ndarray, "height width 4"]] = {}
     meta: dict[str, Any] = {"version": 2, "asset": {"generator": "FeCoSplat"}, "count": gaussians.count}
     meta["means"] = _add_means(images, gaussians.means)
@@ -142,9 +143,9 @@ def palette(
     Starts with the means of the leaves of a k-d tree and refines them by Lloyd's algorithm.
     """
     run = -(-len(vectors) // size)
-    order = kd_order(vectors, run)
     labels = np.empty(len(vectors), np.int64)
-    labels[order] = np.arange(len(vectors)) // run
+    for number, leaf in enumerate(kd_leaves(vectors, run)):
+        labels[leaf] = number
     for _ in range(_VECTOR_STEPS):
         entries = _means(vectors, labels)
         labels = KDTree(entries).query(vectors)[1]

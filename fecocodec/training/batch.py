@@ -9,9 +9,9 @@ from torch import Tensor
 
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.limits import check_sizes, check_view_shares
 from fecocodec.rendering.rasterizer import Rendering
 from fecocodec.splatting.emission import Prediction
-from fecocodec.training.batch_limits import check_sizes, check_view_shares
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from torch import Tensor, nn
 
 from fecocodec.grid import PER_CELL
 from fecocodec.receiver.model import Receiver
-from fecocodec.sender.feedback import PictureFeedbackExtractor
-from fecocodec.sender.model import Sender
+from fecocodec.sender.model import PictureFeedbackExtractor, Sender
 from fecocodec.splatting.attributes import RAW
 
 PIXELS = 48  # of a 4x4 cell: (colour, row, column), as pixel unshuffle orders them

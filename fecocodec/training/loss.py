@@ -90,10 +90,7 @@ def perceptual_distance(
 
 
 def _view_weights(num_context: int, num_views: int, target_weight: float) -> Float[Tensor, " view"]:
-    """Return the weight of each view, 1 on average.
-
-    Target views have a larger weight, because context views can be fitted with wrong depth.
-    """
+    """Return weights, 1 on average. Context views can be fitted with wrong depth, so target views weigh more."""
     weights = torch.ones(num_views)
     weights[num_context:] = target_weight
     return weights / weights.mean()

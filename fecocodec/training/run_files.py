@@ -50,10 +50,7 @@ LOG_COLUMNS = (
 
 
 def append_row(path: Path, row: dict[str, float]) -> None:
-    """Append a row to a CSV file with the header `LOG_COLUMNS`; missing columns stay empty.
-
-    Raises OutputError if the file cannot be written.
-    """
+    """Append a row to a CSV file of `LOG_COLUMNS`; missing columns are empty. Raises OutputError if writing fails."""
     is_new = not path.exists()
     try:
         with path.open("a", newline="") as file:

@@ -112,11 +112,6 @@ def _score(codec: Codec, sample: Sample, lambda_q: int) -> tuple[float, float, f
     )
 
 
-def validation_codec(networks: nn.ModuleDict) -> Codec:
-    """Return the networks of a training run as a codec, with an id that no model has."""
-    return Codec(networks["sender"], networks["receiver"], bytes(MODEL_ID_BYTES))  # type: ignore[arg-type]
-
-
 def draw_fixed_scenes(sources: Sources, size: tuple[int, int]) -> list[Batch]:
     """Draw scenes of two context views and a target view, equal in every run with the same sources."""
     generator = torch.Generator().manual_seed(_PICTURES_SEED)
@@ -193,7 +188,8 @@ class RunMonitor:
                 trainer.sources.validation, shape, settings.validation_scenes
             )
         with weights_replaced(trainer.networks, trainer.average):
-            rows = validate(validation_codec(trainer.networks), self._validation_scenes, configuration.lambda_q_range)
+            codec = Codec(trainer.sender, trainer.receiver, bytes(MODEL_ID_BYTES))  # an id that no model has
+            rows = validate(codec, self._validation_scenes, configuration.lambda_q_range)
         append_lines(settings.folder / "validation.txt", tuple(f"step {trainer.step}  {row}" for row in rows))
         return means_of(rows)
 

@@ -41,10 +41,7 @@ class SampleSource(Protocol):
 
 @dataclass(frozen=True)
 class Captured:
-    """Frames of one scene taken with one camera, at their stored size.
-
-    extrinsics: camera-to-world, OpenCV axes. near, far: in scene units.
-    """
+    """Frames of one scene and camera, at their stored size. extrinsics: camera-to-world, OpenCV axes, scene units."""
 
     images: list[UInt8[Tensor, "3 _ _"]]
     names: tuple[str, ...]
@@ -74,13 +71,8 @@ def augment(
     crops = _crops(rng, (scene.lens.height, scene.lens.width), len(scene.images), size, spread)
     images = [_resized(image, crop, size) for image, crop in zip(scene.images, crops, strict=True)]
     intrinsics = torch.stack([_cropped_intrinsics(scene.lens, crop) for crop in crops])
-    extrinsics = torch.from_numpy(scene.extrinsics).float()
-    near, far = torch.tensor(scene.near, dtype=torch.float32), torch.tensor(scene.far, dtype=torch.float32)
-    views = Views(
-        images=_tinted(rng, torch.stack(images)),
-        cameras=Cameras(extrinsics, intrinsics, near, far),
-        names=scene.names,
-    )
+    cameras = Cameras.in_float32(scene.extrinsics, intrinsics, scene.near, scene.far)
+    views = Views(_tinted(rng, torch.stack(images)), cameras, scene.names)
     return Sample(mirrored(views) if rng.random() < 0.5 else views, num_context, None)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 
 from fecocodec.camera_files.chunks import is_chunk_folder
-from fecocodec.config import CodecConfig, PaperSenderConfig
+from fecocodec.config import PaperSenderConfig
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
@@ -102,7 +102,8 @@ def open_sources(
 
 def _open_photographs(folder: Path, configuration: Configuration) -> ChunkScenes | Photographs:
     """Open chunks, or a folder of scene folders. Raises InputError if no scene has the frames of the largest batch."""
-    spread = 0.0 if has_public_geometry(configuration.sender) else CROP_SPREAD
+    sender = configuration.sender  # public geometry projects all views with the intrinsics of one
+    spread = 0.0 if isinstance(sender, PaperSenderConfig) and sender.geometry == "public" else CROP_SPREAD
     if is_chunk_folder(folder):
         return ChunkScenes(folder, spread, configuration.protocol)
     scenes = Photographs(folder, spread)
@@ -113,8 +114,3 @@ def _open_photographs(folder: Path, configuration: Configuration) -> ChunkScenes
             "add photographs, or train fewer context views by `view_shares`."
         )
     return scenes
-
-
-def has_public_geometry(config: CodecConfig) -> bool:
-    """Return whether the extractor projects all views with the intrinsics of one, as the public code does."""
-    return isinstance(config, PaperSenderConfig) and config.geometry == "public"

@@ -25,8 +25,7 @@ from fecocodec.container import quantise_lambda
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, NUM_TABLES
 from fecocodec.errors import InputError
 from fecocodec.grid import PER_BLOCK
-from fecocodec.receiver.detail import NUM_BUCKETS
-from fecocodec.receiver.model import Receiver
+from fecocodec.receiver.model import NUM_BUCKETS, Receiver
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.detail_steps import search_of, symbols_of, values_of

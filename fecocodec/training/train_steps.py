@@ -1,7 +1,4 @@
-"""Train the network that proposes steps of latent optimisation alone.
-
-Scenes are encoded with latent optimisation; `step_learning` adds to the gradients.
-"""
+"""Train the network that proposes steps of latent optimisation alone, on scenes that are encoded as in use."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

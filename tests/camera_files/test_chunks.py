@@ -37,13 +37,11 @@ def test_cameras_agree_with_the_pixels(tmp_path: Path, size: tuple[int, int]) ->
     )  # fmt: skip
 
 
-def test_bounds_follow_the_data_set_unless_given(tmp_path: Path) -> None:
+def test_bounds_follow_the_data_set(tmp_path: Path) -> None:
     write_chunks(tmp_path, [[record("video", shots(2)), record("capture", shots(2), url="1f0e06e4388dd600")]])
     chunks = ChunkFolder(tmp_path)
     video, capture = (chunks.scene(name).views((0, 1), size=(64, 64)).cameras for name in ("video", "capture"))
     assert (video.near, video.far) == VIDEO_BOUNDS and (capture.near, capture.far) == DL3DV_BOUNDS
-    given = chunks.scene("video").views((0,), size=(64, 64), near=2.0, far=8.0).cameras
-    assert (given.near, given.far) == (2.0, 8.0)
 
 
 def test_many_chunks_are_opened_one_after_the_other(tmp_path: Path) -> None:
@@ -119,12 +117,10 @@ def test_bad_records_name_file_scene_and_fault(tmp_path: Path, changes: dict, se
     assert str(refusal.value).startswith(f"{tmp_path / '000000.torch'}, scene wall") and sentence in str(refusal.value)
 
 
-def test_frames_and_bounds_that_cannot_be(tmp_path: Path) -> None:
+def test_frames_that_cannot_be(tmp_path: Path) -> None:
     scene = ChunkFolder(write_wall_chunks(tmp_path, num_scenes=1)).scene("wall0")
     with pytest.raises(InputError, match=r"scene wall0: there is no frame \[3\]; choose from 0 to 2"):
         scene.views((0, 3), size=(64, 64))
-    with pytest.raises(InputError, match="near 5 and far 2 are no range"):
-        scene.views((0,), size=(64, 64), near=5.0, far=2.0)
 
 
 @pytest.mark.parametrize(

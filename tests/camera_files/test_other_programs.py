@@ -303,3 +303,12 @@ def test_many_files_are_counted_and_those_without_cameras_are_not_named(tmp_path
     shutil.copy(folder / "images" / "000.png", folder / "cam")
     remarks = choose_photographs(folder).remarks
     assert remarks == ("cameras in camera.jpg.txt are not read; those of transforms.json are used.",)
+
+
+def test_a_part_of_a_colmap_model_without_photographs_is_refused(tmp_path: Path) -> None:
+    folder = write_colmap_text(tmp_path / "scene", shots(3))
+    (folder / "sparse" / "0" / "images.txt").unlink()
+    for image in list(folder.rglob("*.png")):
+        image.unlink()
+    with pytest.raises(InputError, match="no photographs"):
+        choose_photographs(folder)

@@ -18,10 +18,10 @@ from wall_scene import (
     write_transforms,
 )
 
-from fecocodec.camera_files import walk as walking
+from fecocodec.camera_files import camera_names
+from fecocodec.camera_files.camera_names import walk
 from fecocodec.camera_files.find import has_cameras, read_cameras
 from fecocodec.camera_files.unused_cameras import unread_cameras_notes
-from fecocodec.camera_files.walk import walk
 from fecocodec.captures.chosen_photographs import choose_photographs
 from fecocodec.captures.render_cameras import read_render_cameras
 from fecocodec.codec.options import EncodingOptions
@@ -210,7 +210,7 @@ def test_huge_trees_are_not_walked(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "a" / "loop").symlink_to(tmp_path)
     assert sum(path.name == "b.txt" for path in walk(tmp_path)) == 20
     assert not any(path.name == "b.txt" for path in walk(tmp_path, 2))
-    monkeypatch.setattr(walking, "_MOST_FOLDERS", 5)
+    monkeypatch.setattr(camera_names, "_MOST_FOLDERS", 5)
     assert sum(path.name == "b.txt" for path in walk(tmp_path)) == 3
 
 

@@ -29,7 +29,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import pixel_rays
 from fecocodec.geometry.depth_range import estimate_depth_range
 from fecocodec.geometry.views import Views
-from fecocodec.photographs.exr import ExrImage, write_exr
+from fecocodec.photographs.exr import write_exr
 
 WRITERS = [write_transforms, write_colmap_text, write_colmap_binary, write_realestate10k]
 BARREL = {"k1": -0.2, "k2": 0.03, "p1": 0.004, "p2": -0.003}
@@ -216,11 +216,11 @@ def test_exr_photographs(tmp_path):
     (folder / "transforms.json").write_text(json.dumps(transforms(taken)))
     for shot in taken:
         colour = torch.from_numpy(take(shot)).permute(2, 0, 1).float()
-        write_exr(folder / "images" / shot.name, ExrImage(colour, None))
+        write_exr(folder / "images" / shot.name, colour)
     views = read(folder)
     assert mean_colour_error(views) < 1e-4 and views.remarks == ()
     colour[1, :8] = torch.nan
-    write_exr(folder / "images" / shot.name, ExrImage(colour, None), overwrite=True)
+    write_exr(folder / "images" / shot.name, colour, overwrite=True)
     assert read(folder).remarks == (
         "1 photograph has values that are NaN or negative, which become 0 (at most 10% of the pixels, of 001.exr); "
         "store them again without.",

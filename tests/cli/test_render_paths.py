@@ -78,7 +78,7 @@ def test_a_camera_path_of_nerfstudio_sets_size_and_rate(fecosplat, ply: Path, tm
 def test_a_video_without_its_package_is_one_sentence(
     fecosplat, ply: Path, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fecocodec.photographs.video_extra.find_spec", lambda _name: None)
+    monkeypatch.setattr("fecocodec.photographs.video_frames.find_spec", lambda _name: None)
     result = fecosplat("render", ply, "--video", output / "a.mp4", "--cameras", photographs)
     assert (result.code, list(output.iterdir())) == (1, [])
     assert (

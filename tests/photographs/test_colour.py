@@ -10,7 +10,7 @@ from PIL import Image
 
 from fecocodec.photographs.colour import coded_to_srgb, is_srgb
 from fecocodec.photographs.exr import linear_to_srgb
-from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha
+from fecocodec.photographs.images import decode_image, read_image, read_photograph
 from fecocodec.photographs.pillow_images import gamma_with_pillow, upright_with_pillow
 
 imagecodecs = pytest.importorskip("imagecodecs")  # writes profiles, and PNG of 16 bits
@@ -61,7 +61,8 @@ def test_display_p3_of_16_bits_becomes_srgb(tmp_path):
     data = encoded[:after_head] + struct.pack(">I", len(chunk) - 4) + chunk
     data += struct.pack(">I", imagecodecs.zlib_crc32(chunk)) + encoded[after_head:]
     (tmp_path / "red.png").write_bytes(data)
-    colour, alpha = read_image_and_alpha(tmp_path / "red.png", "black")
+    photograph = read_photograph(tmp_path / "red.png", "black")
+    colour, alpha = photograph.colour, photograph.alpha
     torch.testing.assert_close(alpha, torch.full((64, 64), 13_000 / 65535))
     assert (colour / alpha * 255)[:, 5, 5].tolist() == pytest.approx(SRGB, abs=0.4)
 
@@ -69,7 +70,8 @@ def test_display_p3_of_16_bits_becomes_srgb(tmp_path):
 def test_profiles_of_other_images(tmp_path):
     clear = flat((*DISPLAY_P3, 51), "RGBA")
     clear.save(tmp_path / "clear.png", icc_profile=P3_PROFILE)
-    colour, alpha = read_image_and_alpha(tmp_path / "clear.png", "black")
+    photograph = read_photograph(tmp_path / "clear.png", "black")
+    colour, alpha = photograph.colour, photograph.alpha
     torch.testing.assert_close(alpha, torch.full((64, 64), 0.2))
     assert levels(colour / alpha) == list(SRGB)
     flat(DISPLAY_P3).convert("P", palette=Image.Palette.ADAPTIVE).save(tmp_path / "p.png", icc_profile=P3_PROFILE)

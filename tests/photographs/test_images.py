@@ -12,7 +12,7 @@ from PIL import Image, ImageOps
 
 from fecocodec.errors import InputError, OutputError
 from fecocodec.photographs.image_headers import has_image_name, is_upright, read_image_size
-from fecocodec.photographs.images import decode_image, read_image, read_image_and_alpha, write_image
+from fecocodec.photographs.images import decode_image, read_image, read_photograph, write_image
 from fecocodec.photographs.pillow_images import unreadable, upright_with_pillow
 
 HEIGHT, WIDTH = 40, 56
@@ -79,12 +79,13 @@ def test_transparency_shows_white_and_is_returned(colour, alpha, largest, tmp_pa
     else:
         path.write_bytes(png_of_sixteen_bits(samples))
     share, signal = alpha / largest, colour[0] / largest
-    on_white, opacity = read_image_and_alpha(str(path))
+    photograph = read_photograph(str(path))
+    on_white, opacity = photograph.colour, photograph.alpha
     torch.testing.assert_close(opacity, torch.full((HEIGHT, WIDTH), share), atol=1e-6, rtol=0)
     expected = torch.full((3, HEIGHT, WIDTH), 1 - share + share * signal)
     torch.testing.assert_close(on_white, expected, atol=1e-5, rtol=0)
     assert torch.equal(read_image(path), on_white)
-    on_black, _ = read_image_and_alpha(path, "black")
+    on_black = read_photograph(path, "black").colour
     torch.testing.assert_close(on_black / opacity, torch.full((3, HEIGHT, WIDTH), signal), atol=1e-6, rtol=0)
 
 
@@ -220,10 +221,10 @@ def test_opaque_alpha_is_no_alpha(tmp_path):
     pixels = np.full((HEIGHT, WIDTH, 4), 255, np.uint8)
     for opaque in (pixels, pixels[..., :3]):
         Image.fromarray(opaque).save(tmp_path / "image.png")
-        assert read_image_and_alpha(tmp_path / "image.png")[1] is None
+        assert read_photograph(tmp_path / "image.png").alpha is None
     pixels[3, 2, 3] = 254
     Image.fromarray(pixels).save(tmp_path / "image.png")
-    assert read_image_and_alpha(tmp_path / "image.png")[1] is not None
+    assert read_photograph(tmp_path / "image.png").alpha is not None
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ import torch
 from fecocodec.config import PAPER, ReceiverConfig
 from fecocodec.errors import ModelError
 from fecocodec.grid import PER_BLOCK
-from fecocodec.receiver.detail import DetailBasis
-from fecocodec.receiver.model import Receiver, load_receiver, serialise_receiver
+from fecocodec.receiver.model import DetailBasis, Receiver, load_receiver, serialise_receiver
 from fecocodec.splatting.attributes import RAW
 from tests.example_scenes import example_views
 

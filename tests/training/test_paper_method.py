@@ -15,8 +15,7 @@ from fecocodec.sender.codec import Codec, adapted_sender
 from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.extractors.adapter import ConditionedAdapter
-from fecocodec.sender.feedback import PictureFeedbackExtractor
-from fecocodec.sender.model import Sender
+from fecocodec.sender.model import PictureFeedbackExtractor, Sender
 from fecocodec.sender.optimisation_config import BEST
 from fecocodec.training.batch import Batch, StageOutcome
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration, configuration_named

@@ -16,7 +16,7 @@ from fecocodec.checkpoint import model_id_of, serialise_weights
 from fecocodec.coding.fixed_point import export_integers, load_integers
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.grid import PER_BLOCK
-from fecocodec.receiver.detail import NUM_BUCKETS
+from fecocodec.receiver.model import NUM_BUCKETS
 from fecocodec.splatting.attributes import RAW
 
 VECTORS = Path(__file__).resolve().parents[2] / "bitstream_spec" / "vectors"

@@ -69,6 +69,7 @@ def complexity_section(
     """
     at_lambda = [m for m in photographs if m.system == OURS and m.setting == f"lambda {LAMBDA:g}" and not m.error]
     shown = [(m, complexity[m.entry]) for m in at_lambda]
+    densities = [(x, m.num_gaussians / (m.num_context * m.height * m.width), m.entry) for m, x in shown]
     kib = Chart(
         "complexity_bytes",
         "Bytes and complexity",
@@ -85,7 +86,7 @@ def complexity_section(
         "KiB of the photographs as JPEG XL",
         "Gaussians a context pixel",
         (
-            Series("photographs", tuple(Mark(x, _density(m), m.entry) for m, x in shown), is_line=False),
+            Series("photographs", tuple(Mark(*point) for point in densities), is_line=False),
             Series("rooms", tuple(Mark(n.photograph_kib, n.gaussians_per_pixel, _note(n)) for n in needs)),
         ),
     )
@@ -99,7 +100,3 @@ def complexity_section(
 
 def _note(need: Need) -> str:
     return f"{need.num_waves} patterns"
-
-
-def _density(measurement: Measurement) -> float:
-    return measurement.num_gaussians / (measurement.num_context * measurement.height * measurement.width)

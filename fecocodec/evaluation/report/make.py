@@ -6,7 +6,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.atomic import make_folder, write_file
 from fecocodec.evaluation.evaluation import weights_label
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.report.complexity_section import complexity_section
@@ -76,8 +76,7 @@ def _write(plan: ReportPlan, sections: tuple[Section, ...]) -> None:
     page = html_page("FeCoSplat: rate, quality, speed", f"{machine}.", charts)
     report = plan.output / "report.md"
     for path, text in ((report, f"{_kept(report)}{MARK}\n{head}\n{body}"), (folder / "charts.html", page)):
-        with write_atomically(path, overwrite=True) as temporary:
-            temporary.write_text(text.rstrip("\n") + "\n")
+        write_file(path, text.rstrip("\n") + "\n", overwrite=True)
 
 
 def _kept(report: Path) -> str:

@@ -51,10 +51,7 @@ def measure_load(codec: Codec, num_views: int, side: int) -> Load:
 
 
 def exponent(amounts: list[float], costs: list[float]) -> float | None:
-    """Return the least-squares slope of log(cost) over log(amount); 1 is proportional.
-
-    Returns None for fewer than two different amounts.
-    """
+    """Return the least-squares slope of log(cost) over log(amount), 1 if proportional; None for a single amount."""
     if len(set(amounts)) < 2:
         return None
     return float(np.polyfit(np.log(amounts), np.log(costs), 1)[0])

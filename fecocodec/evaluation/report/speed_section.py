@@ -66,7 +66,8 @@ def speed_section(
     rows = averages([*speed, *others])
     if not rows:
         return Section("Speed and quality", "Nothing could be measured.")
-    kib = _middle([row for row in rows if row.system == OURS])
+    sizes = sorted(row.kib for row in rows if row.system == OURS)
+    kib = sizes[len(sizes) // 2]
     at_kib = _at_equal_rate(rows, [*speed, *others], kib)
     equal = [_equal_rate(at_kib, kib, end) for end in ENDS]
     every = [_all_points(rows, *end) for end in ENDS.items()]
@@ -82,11 +83,6 @@ def speed_section(
         steps=_steps(steps),
     )
     return Section("Speed and quality", text, (*equal, *every))
-
-
-def _middle(rows: Sequence[Average]) -> float:
-    """Return the median file size of our operating points, in KiB."""
-    return sorted(row.kib for row in rows)[len(rows) // 2]
 
 
 def _at_equal_rate(rows: Sequence[Average], found: Sequence[Measurement], kib: float) -> list[AtEqualRate]:

@@ -1,7 +1,4 @@
-"""Run the measurements of a report.
-
-Each result is written immediately to a JSON Lines file, so that an interrupted report can be resumed.
-"""
+"""Run the measurements of a report. Each result is written at once, so that an interrupted report is resumed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -113,10 +113,7 @@ def _warned(sentence: str) -> Rule:
 
 
 def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
-    """Return the cases derived from two context views with target views: what is wrong with photographs or cameras.
-
-    name: scene name, prefix of the case names.
-    """
+    """Return the cases of two context views whose photographs or cameras are wrong. name: prefix of their names."""
     views, two = pair.views, pair.num_context
     made: list[Made] = [
         ("reference", lambda: views, _lost(0.0)),

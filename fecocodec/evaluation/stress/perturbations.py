@@ -14,10 +14,7 @@ from fecocodec.geometry.views import Views
 
 
 def exposed(views: Views, gains: Float[Tensor, "view 3"], noise: float = 0.0) -> Views:
-    """Multiply linear light by a gain per view and colour channel, and add noise.
-
-    noise: standard deviation of Gaussian noise, sRGB in [0, 1].
-    """
+    """Multiply linear light by gains, and add Gaussian noise. noise: standard deviation, of sRGB in [0, 1]."""
     light = views.images.clamp_min(1e-6) ** 2.2 * gains[:, :, None, None]
     grain = noise * torch.randn(views.images.shape, generator=torch.Generator().manual_seed(0))
     return replace(views, images=(light ** (1 / 2.2) + grain).clamp(0, 1))

@@ -178,10 +178,7 @@ def _not_finite(found: Coded, gaussians: Gaussians) -> str:
 
 
 def read_pairs(root: Path, index: Path, most: int) -> dict[str, Trial]:
-    """Read at most `most` two-view entries, evenly spaced over the index, by name.
-
-    Raises InputError if there is no such entry, or if a scene cannot be read.
-    """
+    """Read at most `most` two-view entries, evenly spread. Raises InputError for none, or an unreadable scene."""
     read = open_scenes(root, CASE_SIZE)
     entries = choose_entries(read_index(index), 2, most, index)
     return {entry.name: Trial(read(entry), 2) for entry in entries}

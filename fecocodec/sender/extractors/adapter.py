@@ -73,10 +73,7 @@ class AdaptedExtractor(nn.Module):
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> AdaptedFeatures:
-        """Run the frozen extractor, which uses neither guides nor masks.
-
-        Raises ModelError if its features do not have the declared shape.
-        """
+        """Run the frozen extractor, without guides and masks. Raises ModelError for features of another shape."""
         extractor = self.frozen
         with torch.no_grad():
             features = extractor.features(images, cameras)

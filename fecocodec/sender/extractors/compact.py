@@ -50,10 +50,7 @@ class MatchedMaps(MatchedDepth):
 
 @dataclass(frozen=True)
 class SweptMatching(Matching):
-    """Result of the plane sweep. cost: matching score of each depth candidate, higher is better.
-
-    relative_disparity: expectation over the softmax of `cost`.
-    """
+    """Result of the plane sweep. cost: score of each depth candidate. relative_disparity: mean under its softmax."""
 
     depth: MatchedMaps
     appearance: Float[Tensor, "item stem h4 w4"]

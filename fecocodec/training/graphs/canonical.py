@@ -124,7 +124,7 @@ def _remove_notes(model: onnx.ModelProto) -> None:
         value.doc_string = ""
 
 
-_TYPES = {"F16": TensorProto.FLOAT16, "I16": TensorProto.INT16, "I32": TensorProto.INT32}
+_TYPES: dict[str, np.dtype[Any]] = {"F16": np.dtype("<f2"), "I16": np.dtype("<i2"), "I32": np.dtype("<i4")}
 _STORED = "stored."  # prefix of an fp16 initializer
 SMALLEST_LINKED = 256  # bytes; smaller tensors stay in the graph
 
@@ -150,17 +150,15 @@ def link_weights(model: onnx.ModelProto, weights: bytes, file_name: str) -> None
             linked.name = _STORED + initializer.name
             casts.append(helper.make_node("Cast", [linked.name], [initializer.name], to=initializer.data_type))
         kept.append(linked)
-    del model.graph.initializer[:]
-    model.graph.initializer.extend(kept)
-    nodes = [*casts, *model.graph.node]
-    del model.graph.node[:]
-    model.graph.node.extend(nodes)
+    _replace(model.graph.initializer, kept)
+    _replace(model.graph.node, [*casts, *model.graph.node])
 
 
 def _reference(
     initializer: TensorProto, entry: dict[str, object], offset: int, length: int, file_name: str
 ) -> TensorProto:
-    linked = TensorProto(name=initializer.name, data_type=_TYPES[str(entry["dtype"])], dims=initializer.dims)
+    data_type = helper.np_dtype_to_tensor_dtype(_TYPES[str(entry["dtype"])])
+    linked = TensorProto(name=initializer.name, data_type=data_type, dims=initializer.dims)
     linked.data_location = TensorProto.EXTERNAL
     for key, value in (("location", file_name), ("offset", offset), ("length", length)):
         linked.external_data.add(key=key, value=str(value))
@@ -168,7 +166,7 @@ def _reference(
 
 
 def _require_equal(initializer: TensorProto, entry: dict[str, object], stored: bytes) -> None:
-    values = np.frombuffer(stored, {"F16": "<f2", "I16": "<i2", "I32": "<i4"}[str(entry["dtype"])])
+    values = np.frombuffer(stored, _TYPES[str(entry["dtype"])])
     ours = numpy_helper.to_array(initializer)
     if list(ours.shape) != entry["shape"] or not np.array_equal(ours.ravel(), values.astype(ours.dtype)):
         raise ValueError(f"{initializer.name}: the graph's tensor differs from that of the weights file.")

@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 from onnxscript import optimizer
 
-from fecocodec.atomic import make_folder, write_atomically
+from fecocodec.atomic import make_folder, write_file
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
 from fecocodec.receiver.model import load_receiver
 from fecocodec.training.graphs.canonical import link_weights, make_canonical
@@ -52,8 +52,7 @@ def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None
         initargs=(1,),
     ) as pool:
         for name, content in zip(graphs, pool.map(export_graph, graphs, graphs.values(), repeat(weights)), strict=True):
-            with write_atomically(folder / f"{name}.onnx", overwrite=True) as temporary:
-                temporary.write_bytes(content)
+            write_file(folder / f"{name}.onnx", content, overwrite=True)
 
 
 def export_graph(name: str, graph: Graph, weights: bytes) -> bytes:

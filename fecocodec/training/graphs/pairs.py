@@ -21,18 +21,24 @@ from fecocodec.splatting.occluded import is_behind
 from fecocodec.splatting.view_dependence import NormalEquations, surfaces_of, with_view
 
 
+def normalised(extrinsics: Tensor, intrinsics: Tensor, far: Tensor | None = None) -> Cameras:
+    """Return normalised cameras, in which near is 1, without batch dimension. far: None where it is not used."""
+    return Cameras(extrinsics, intrinsics, torch.tensor(1.0), torch.tensor(1.0) if far is None else far)
+
+
 def _camera(extrinsics: Tensor, intrinsics: Tensor) -> Cameras:
-    """Return one normalised camera, in which near is 1. Its far is not used."""
-    return Cameras(extrinsics[None], intrinsics[None], torch.tensor(1.0), torch.tensor(1.0))
+    return normalised(extrinsics[None], intrinsics[None])
 
 
-class _PairGraph(nn.Module):
+class RulesGraph(nn.Module):
+    """A graph of a rule, whose constants are in the configuration."""
+
     def __init__(self, config: ReceiverConfig) -> None:
         super().__init__()
         self.config = config
 
 
-class ConfirmGraph(_PairGraph):
+class ConfirmGraph(RulesGraph):
     """Another view -> confirmation, and violation of the near bound; for three or more views."""
 
     def forward(
@@ -51,7 +57,7 @@ class ConfirmGraph(_PairGraph):
         return torch.maximum(confirmed, found), torch.maximum(violation, too_near)
 
 
-class FreeSpaceGraph(_PairGraph):
+class FreeSpaceGraph(RulesGraph):
     """Another view -> violation. share: mean confirmation of the view; 1 for fewer than three views."""
 
     def forward(
@@ -74,7 +80,7 @@ class FreeSpaceGraph(_PairGraph):
         return torch.maximum(violation, found[0])
 
 
-class DuplicatesGraph(_PairGraph):
+class DuplicatesGraph(RulesGraph):
     """Another view -> share of their opacity that Gaussians keep beside finer ones; for three or more views."""
 
     def forward(
@@ -93,7 +99,7 @@ class DuplicatesGraph(_PairGraph):
         return kept * kept_beside(positions[None], camera, shown, there, self.config)[0]
 
 
-class SlopeGraph(_PairGraph):
+class SlopeGraph(RulesGraph):
     """Another view -> normal equations of the slopes of colours. Those before the first one are zero."""
 
     def forward(
@@ -138,7 +144,7 @@ class CandidatesGraph(nn.Module):
         shapes = torch.zeros_like(means), torch.zeros_like(means)[:, [0, 0, 0, 0]]  # not used
         gaussians = Gaussians(means, *shapes, opacities.flatten(), harmonics)
         grid = (opacities.shape[1], opacities.shape[2])
-        found, depth = self.find(gaussians, _cameras(extrinsics, intrinsics), grid)
+        found, depth = self.find(gaussians, normalised(extrinsics, intrinsics), grid)
         return *found.fields(), depth
 
 
@@ -169,7 +175,7 @@ class HideGraph(nn.Module):
         hidden: Tensor,
     ) -> Tensor:
         index = view[None].long()
-        cameras = _cameras(extrinsics, intrinsics)
+        cameras = normalised(extrinsics, intrinsics)
         of_view = (x.index_select(0, index)[0] for x in (extended, cameras.world_to_camera, intrinsics))
         candidates = Gaussians(means, scales, rotations, means[:, 0], means[:, None])  # opacity, colour are not used
         bounds = ExtendedDepth(extended, self.centres).bounds
@@ -183,10 +189,6 @@ class BehindGraph(nn.Module):
         self, view: Tensor, means: Tensor, surface: Tensor, extrinsics: Tensor, intrinsics: Tensor, hidden: Tensor
     ) -> Tensor:
         index = view[None].long()
-        cameras = _cameras(extrinsics, intrinsics)
+        cameras = normalised(extrinsics, intrinsics)
         of_view = (x.index_select(0, index)[0] for x in (surface, cameras.world_to_camera, intrinsics))
         return hidden & is_behind(means.T, *of_view)
-
-
-def _cameras(extrinsics: Tensor, intrinsics: Tensor) -> Cameras:
-    return Cameras(extrinsics, intrinsics, torch.tensor(1.0), torch.tensor(1.0))

@@ -6,14 +6,13 @@ from torch import Tensor, nn
 
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.quadtree import from_coding_order
-from fecocodec.config import ReceiverConfig
-from fecocodec.geometry.cameras import Cameras
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.receiver.model import Receiver
 from fecocodec.receiver.predictor import enlarged
 from fecocodec.splatting.free_space import surfaces_of
 from fecocodec.splatting.view_dependence import NormalEquations, harmonics_of
 from fecocodec.training.graphs.exported_forms import upsampled
+from fecocodec.training.graphs.pairs import RulesGraph, normalised
 
 
 def rate_condition(receiver: Receiver, lambda_q: Tensor, stage: Tensor) -> RateCondition:
@@ -22,12 +21,14 @@ def rate_condition(receiver: Receiver, lambda_q: Tensor, stage: Tensor) -> RateC
     return RateCondition(torch.where(stage == 1, first.embedding, second.embedding), first.latent_gain)
 
 
-class UpdateGraph(nn.Module):
-    """Four steps of y, state before, lambda_q, stage -> state. The state before stage 1 may have any values."""
-
+class _ReceiverGraph(nn.Module):
     def __init__(self, receiver: Receiver) -> None:
         super().__init__()
         self.receiver = receiver
+
+
+class UpdateGraph(_ReceiverGraph):
+    """Four steps of y, state before, lambda_q, stage -> state. The state before stage 1 may have any values."""
 
     def forward(
         self,
@@ -67,17 +68,8 @@ class UpdateGraph(nn.Module):
         return upsampled(coarse, weight, bias.flatten())
 
 
-def normalised(extrinsics: Tensor, intrinsics: Tensor, far: Tensor) -> Cameras:
-    """Return normalised cameras, in which near is 1, without batch dimension."""
-    return Cameras(extrinsics, intrinsics, torch.tensor(1.0), far)
-
-
-class PointsGraph(nn.Module):
+class PointsGraph(_ReceiverGraph):
     """State, lambda_q, stage, cameras -> features, relative disparity, points to search, and inputs of attention."""
-
-    def __init__(self, receiver: Receiver) -> None:
-        super().__init__()
-        self.receiver = receiver
 
     def forward(
         self, state: Tensor, lambda_q: Tensor, stage: Tensor, extrinsics: Tensor, intrinsics: Tensor, far: Tensor
@@ -133,16 +125,12 @@ class AttendGraph(nn.Module):
         return residual
 
 
-class AttributesGraph(nn.Module):
+class AttributesGraph(_ReceiverGraph):
     """Features, residual of attention, cameras -> attributes before the free-space check, and surfaces of the views.
 
     The last input are the numbers of the detail layer, if the model has one. Without rules there are no surfaces, but
     the harmonics above degree 0, if the model has any.
     """
-
-    def __init__(self, receiver: Receiver) -> None:
-        super().__init__()
-        self.receiver = receiver
 
     def forward(
         self,
@@ -166,20 +154,9 @@ class AttributesGraph(nn.Module):
         return *attributes, surfaces_of(found.depth, colours, found.opacity)[0]
 
 
-class HarmonicsGraph(nn.Module):
+class HarmonicsGraph(RulesGraph):
     """Normal equations of the slopes -> spherical harmonics of degree 1."""
 
-    def __init__(self, config: ReceiverConfig) -> None:
-        super().__init__()
-        self.config = config
-
-    def forward(
-        self,
-        positions: Tensor,
-        colours: Tensor,
-        extrinsics: Tensor,
-        matrix: Tensor,
-        right: Tensor,
-    ) -> Tensor:
-        cameras = normalised(extrinsics, extrinsics[:, :3, :3], torch.tensor(1.0))  # intrinsics are not used
+    def forward(self, positions: Tensor, colours: Tensor, extrinsics: Tensor, matrix: Tensor, right: Tensor) -> Tensor:
+        cameras = normalised(extrinsics, extrinsics[:, :3, :3])  # intrinsics are not used
         return harmonics_of(NormalEquations(matrix, right), positions, colours, cameras, self.config)

@@ -204,9 +204,4 @@ def _cameras(
         ]
     )
     near, far = np.quantile(depth, (0.01, 0.99)) * unit
-    return Cameras(
-        extrinsics=torch.from_numpy(extrinsics).float(),
-        intrinsics=torch.from_numpy(intrinsics).float().expand(len(extrinsics), 3, 3),
-        near=torch.tensor(near / 1.15, dtype=torch.float32),
-        far=torch.tensor(far * 1.15, dtype=torch.float32),
-    )
+    return Cameras.in_float32(extrinsics, np.tile(intrinsics, (len(extrinsics), 1, 1)), near / 1.15, far * 1.15)

@@ -1,7 +1,7 @@
 # mypy: disallow-untyped-defs=False
 """Colour of a surface point: filtered texture, shadow, ambient occlusion, diffuse light and highlight.
 
-Vectors are three numbers of a tuple; tables are those of `tables`; colours are linear light.
+Vectors are three numbers of a tuple; tables are those of `solids`; colours are linear light.
 """
 
 import math

@@ -3,7 +3,8 @@
 The compiled ray caster takes them as tables of numbers, one row per solid and one per surface.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -86,11 +87,7 @@ class Stage:
 class Builder:
     """Collects the solids of a world."""
 
-    kinds: list[int] = field(default_factory=list)
-    centres: list[tuple[float, float, float]] = field(default_factory=list)
-    halves: list[tuple[float, float, float]] = field(default_factory=list)
-    rotations: list[ndarray] = field(default_factory=list)
-    materials: list[Material] = field(default_factory=list)
+    solids: list[tuple[Any, ...]] = field(default_factory=list)
 
     def add(
         self,
@@ -101,22 +98,19 @@ class Builder:
         material: Material,
     ) -> None:
         """Add one solid: its centre, half sizes along its own axes, and local-to-world rotation."""
-        self.kinds.append(kind)
-        self.centres.append(centre)
-        self.halves.append(half)
-        self.rotations.append(rotation)
-        self.materials.append(material)
+        self.solids.append((kind, centre, half, rotation, material))
 
     def build(self, room: tuple[ndarray, ndarray], faces: list[Material], lights: Lights) -> World:
         """Return the world. room: its centre and half size in metres. faces: the six materials of the room."""
+        kinds, centres, halves, rotations, materials = zip(*self.solids, strict=True) if self.solids else ((),) * 5
         return World(
             room_centre=np.asarray(room[0], dtype=np.float64),
             room_half=np.asarray(room[1], dtype=np.float64),
-            kinds=np.array(self.kinds, dtype=np.int64),
-            centres=np.array(self.centres, dtype=np.float64).reshape(-1, 3),
-            halves=np.array(self.halves, dtype=np.float64).reshape(-1, 3),
-            rotations=np.array(self.rotations, dtype=np.float64).reshape(-1, 3, 3),
-            surfaces=(*faces, *self.materials),
+            kinds=np.array(kinds, dtype=np.int64),
+            centres=np.array(centres, dtype=np.float64).reshape(-1, 3),
+            halves=np.array(halves, dtype=np.float64).reshape(-1, 3),
+            rotations=np.array(rotations, dtype=np.float64).reshape(-1, 3, 3),
+            surfaces=(*faces, *materials),
             lights=lights,
         )
 
@@ -136,8 +130,8 @@ KIND, CENTRE, HALF, FRAME, RADIUS, AREA = 0, 1, 4, 7, 16, 17
 """Columns of a solid: kind, centre (3), half sizes (3), world-to-unit-coordinates matrix (9, by rows), radius of the
 bounding sphere, and the mean square of the half sizes, for ambient occlusion."""
 
-TEXTURE, SCALE, OFFSET, SHARE, TINT, PLAIN, GLOSS, SHININESS, GLOW = 0, 1, 3, 5, 6, 9, 12, 13, 14
-"""Columns of a surface, as in `Material`: texture, scale (2), offset (2), share, tint (3), plain (3), ..."""
+TEXTURE, SHARE, SCALE, OFFSET, TINT, PLAIN, GLOSS, SHININESS, GLOW = 0, 1, 2, 4, 6, 9, 12, 13, 14
+"""Columns of a surface, in the order of `Material`: texture, share, scale (2), offset (2), tint (3), plain (3), ..."""
 
 KEY, KEY_COLOUR, FILL, FILL_COLOUR, AMBIENT, SOFTNESS = range(6)
 """Rows of the lights, as in `Lights`; softness is repeated three times."""
@@ -162,7 +156,7 @@ def solid_table(world: World) -> Float[ndarray, "solid 18"]:
 
 def surface_table(surfaces: tuple[Material, ...]) -> Float[ndarray, "surface 15"]:
     """Return one row per surface, columns as above."""
-    return np.array([_surface_row(surface) for surface in surfaces], dtype=np.float64)
+    return np.array([np.hstack(astuple(surface)) for surface in surfaces], dtype=np.float64)
 
 
 def light_table(lights: Lights) -> Float[ndarray, "6 3"]:
@@ -170,17 +164,3 @@ def light_table(lights: Lights) -> Float[ndarray, "6 3"]:
     softness = np.full(3, lights.softness)
     rows = (lights.key, lights.key_colour, lights.fill, lights.fill_colour, lights.ambient, softness)
     return np.stack(rows).astype(np.float64)
-
-
-def _surface_row(surface: Material) -> list[float]:
-    return [
-        float(surface.texture),
-        *surface.texture_scale,
-        *surface.texture_offset,
-        surface.texture_share,
-        *surface.tint,
-        *surface.plain,
-        surface.gloss,
-        surface.shininess,
-        surface.glow,
-    ]

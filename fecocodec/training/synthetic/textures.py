@@ -48,10 +48,7 @@ def pattern_textures(num_textures: int, seed: int = 0) -> Textures:
 
 
 def textures_from_folder(folder: Path) -> Textures:
-    """Read every image of a folder and scale its middle square to the texture size.
-
-    Raises InputError if there is no image.
-    """
+    """Scale the middle square of each image of a folder to the texture size. Raises InputError without an image."""
     paths = sorted(path for path in folder.glob("*") if has_image_name(path))
     if not paths:
         raise InputError(f"{folder}: no images to use as textures; give a folder that holds some.")
@@ -59,10 +56,7 @@ def textures_from_folder(folder: Path) -> Textures:
 
 
 def textures_from_photographs(folder: Path, num_crops: int, seed: int = 0) -> Textures:
-    """Draw square crops of the photographs below a folder (`*/images/*`). Equal seeds give equal crops.
-
-    Raises InputError if there is no photograph.
-    """
+    """Draw square crops of `*/images/*` below a folder, equal for equal seeds. Raises InputError without any."""
     rng = np.random.default_rng(seed)
     paths = sorted(path for path in folder.glob("*/images/*") if has_image_name(path))
     if not paths:

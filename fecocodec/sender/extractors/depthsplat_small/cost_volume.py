@@ -25,10 +25,7 @@ Candidates are those of all points, or each point has its own row of them."""
 
 
 def source_views(cameras: Cameras) -> Int[Tensor, "batch view count"]:
-    """Return the source views of each view: all others if there are up to three views, else the two nearest ones.
-
-    A single view is its own source.
-    """
+    """Return the sources of each view: all others of up to three views, else the two nearest; of one view, itself."""
     batch, views = cameras.extrinsics.shape[:2]
     if views > 3:
         return nearest_views(cameras, 2)

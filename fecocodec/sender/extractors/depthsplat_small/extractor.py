@@ -42,10 +42,7 @@ _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_source
 
 @dataclass(frozen=True)
 class Evidence(Matching):
-    """Outputs of the branches. cost: matching score of each depth candidate.
-
-    relative_disparity: expectation over the softmax of `cost`.
-    """
+    """Outputs of the branches. cost: score of each depth candidate. relative_disparity: mean under its softmax."""
 
     cost: Float[Tensor, "item candidate h4 w4"]
     appearance: Float[Tensor, "item channel h4 w4"]
@@ -114,10 +111,7 @@ class DepthSplatSmall(nn.Module):
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
     ) -> Evidence:
-        """Run the three branches and build the cost volume, without guides and masks.
-
-        Raises InputError if a side is not a multiple of 16.
-        """
+        """Run the branches and build the cost volume. Raises InputError for sides that are not multiples of 16."""
         require_whole(images, SIDE_MULTIPLE)
         views = images.shape[1]
         pictures = normalised(flat(images))
