@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph, sideways
-from fecocodec.geometry.pose_check import find_corners, fit_of, match_corners
+from fecocodec.geometry.pose_check import fit_of
+from fecocodec.geometry.sparse_matches import find_corners, match_corners
 from tests.turned_cameras import with_turned_camera
 
 SIDE, RIGHT, DOWN = 128, 12, 8  # pixels
