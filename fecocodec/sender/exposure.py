@@ -1,7 +1,8 @@
-"""Bring photographs to one exposure and white balance, by the colours of points that look alike.
+"""Give photographs the exposure and white balance of those beside them, by the colours of points that look alike.
 
 Between two photographs, the colours of such points differ by a factor for each channel. The factors of all pairs give
-those of the photographs, by least squares of their logarithms.
+exposures, by least squares of their logarithms. Each photograph gets the mean of its own and its neighbours'. What
+changes slowly along a walk stays: it does no harm to new views, and photographs between look like it.
 """
 
 from collections.abc import Sequence
@@ -28,10 +29,9 @@ LEAST_DIFFERENCE = 0.05  # of the logarithm of a factor; smaller ones are shadin
 
 
 def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], ...] | None:
-    """Return what the colours of each view have to be multiplied with, per channel, to have one exposure, by part.
+    """Return what the colours of each view have to be multiplied with, per channel, by part; None if all hardly differ.
 
-    parts: views of one scene, the coded ones first, over which the mean of the logarithms is zero. None if photographs
-    hardly differ.
+    parts: views of one scene.
     """
     cameras = reduce(Cameras.joined, (part.cameras for part in parts))
     found = [_colours_of(part, view) for part in parts for view in range(len(part.images))]
@@ -49,11 +49,14 @@ def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], .
     differences = torch.zeros(len(equations), len(found))
     for row, ((first, second), _) in zip(differences, equations, strict=True):
         row[first], row[second] = 1.0, -1.0
-    logs = torch.linalg.pinv(differences) @ torch.stack([ratio for _, ratio in equations])  # of exposures
-    logs -= logs[: len(parts[0].images)].mean(dim=0)
+    exposures = torch.linalg.pinv(differences) @ torch.stack([ratio for _, ratio in equations])  # logarithms
+    is_beside = differences.abs().T @ differences.abs() > 0  # a photograph is beside itself
+    share = is_beside.float() / is_beside.sum(dim=1, keepdim=True).clamp_min(1)
+    logs = share @ share @ exposures - exposures
+    logs[~is_beside.any(dim=1)] = 0.0
     if float(logs.abs().max()) <= LEAST_DIFFERENCE:
         return None
-    return torch.exp(-logs).split([len(part.images) for part in parts])
+    return torch.exp(logs).split([len(part.images) for part in parts])
 
 
 def with_factors(views: Views, factors: Float[Tensor, "view 3"]) -> Views:

@@ -16,7 +16,7 @@ same bytes, with our networks at the receiver. Values of several scenes are sepa
 - *warned*: the warning that belongs to the case comes; *warned or ≤N*: if more is lost;
 - *refused*: an error explains why the input cannot be encoded;
 - *same bytes*: the payloads equal those of the reference;
-- all values are finite, and *ahead* is -0.5 or more, except where [limits.md](limits.md#quality) says more.
+- all values are finite, and *ahead* is -0.5 or more.
 """
 HEAD = ("case", "rule", "PSNR", "lost", "ahead", "warnings")
 ROOM = "room"
