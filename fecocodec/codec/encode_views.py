@@ -64,9 +64,7 @@ def _with_one_exposure(found: Photographs, messages: Messages) -> Photographs:
     if factors is None:
         return found
     largest = max(float(torch.maximum(of_part, 1.0 / of_part).max()) for of_part in factors) - 1.0
-    messages.note(
-        f"exposures or white balances differ by up to {largest:.0%} between neighbours; they are made alike."
-    )
+    messages.note(f"exposures or white balances differ by up to {largest:.0%} between neighbours; they are made alike.")
     of_views, *of_others = factors
     adapted = [with_factors(*pair) for pair in zip(others, of_others, strict=True)]
     guides = None if found.guides is None else adapted[0]
