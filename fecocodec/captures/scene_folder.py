@@ -218,7 +218,7 @@ def with_depth_bounds(
     if is_chosen or not is_stated or (bounds := believable_bounds(views, guides)) is None:
         return views
     remark = (
-        f"{place}near and far are {near:.3g} and {far:.3g}, but matching finds the scene elsewhere; "
-        f"{bounds[0]:.3g} and {bounds[1]:.3g} are used, `near` and `far` set others."
+        f"{place}near and far are {near:.3g} and {far:.3g}, but matching finds the scene between "
+        f"{bounds[0]:.3g} and {bounds[1]:.3g}, which are used; `near` and `far` set others."
     )
     return replace(views.within(*bounds), remarks=(*views.remarks, remark))

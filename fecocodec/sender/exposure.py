@@ -52,7 +52,7 @@ def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], .
     exposures = torch.linalg.pinv(differences) @ torch.stack([ratio for _, ratio in equations])  # logarithms
     is_beside = differences.abs().T @ differences.abs() > 0  # a photograph is beside itself
     share = is_beside.float() / is_beside.sum(dim=1, keepdim=True).clamp_min(1)
-    logs = share @ share @ exposures - exposures
+    logs = share @ exposures - exposures
     logs[~is_beside.any(dim=1)] = 0.0
     if float(logs.abs().max()) <= LEAST_DIFFERENCE:
         return None

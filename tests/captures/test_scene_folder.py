@@ -247,7 +247,7 @@ def test_stated_bounds_that_miss_the_scene_are_replaced_and_told(tmp_path):
     folder = write_transforms(tmp_path / "scene", shots(3), near=150.0, far=900.0)
     views = read_views(folder)
     assert 0.5 < views.cameras.near.item() < views.cameras.far.item() < 20.0
-    assert "near and far are 150 and 900, but matching finds the scene elsewhere" in views.remarks[-1]
+    assert "near and far are 150 and 900, but matching finds the scene between " in views.remarks[-1]
     given = read_views(folder, near=150.0, far=900.0)
     assert (given.cameras.near.item(), given.cameras.far.item()) == (150.0, 900.0) and not given.remarks
 
