@@ -49,8 +49,8 @@ def read_views(
     down if a side exceeds 1024 pixels. `notes` of the result lists effects that the caller may not expect.
     views: indices and names, see `choose_views`, or `Spread`, `Auto` or `All`; None selects all views, or `Auto` if
     there are more than 16. Views that cannot be used, or whose image is missing, are passed over unless they are named.
-    near, far: bounds of depth in scene units. The defaults are those of the camera file, else of its sparse points,
-    else estimated from the images (`estimate_depth_range`).
+    near, far: bounds of depth in scene units. The defaults are those of the camera file, unless matching contradicts
+    them, else of its sparse points, else estimated from the images (`estimate_depth_range`).
     background: colour on which transparent images are composited; `alpha` of the result is then None. By default the
     background is white, and `alpha` is their opacity.
     masks: what becomes of the pixels that masks mark (`mask_path` in a `transforms.json`, or a folder `masks`): they
