@@ -137,6 +137,18 @@ def facing_baselines(cameras: Cameras) -> Float[Tensor, "view view"]:
     return torch.where(is_facing if bool(is_facing.any()) else is_apart, distances, torch.inf)
 
 
+def neighbour_pairs(cameras: Cameras, count: int, most: int) -> list[tuple[int, int]]:
+    """Return the pairs of each of the first `count` views with the `most` nearest views that look the same way."""
+    baselines = facing_baselines(cameras)
+    pairs = {
+        (min(view, other), max(view, other))
+        for view in range(count)
+        for other in baselines[view].argsort()[:most].tolist()
+        if baselines[view, other].isfinite()
+    }
+    return sorted(pairs)
+
+
 def _pairs_of(baselines: Float[Tensor, "view other"], ranks: tuple[int, ...]) -> list[tuple[int, int]]:
     """Return pairs of up to _MAX_COMPARED views with another camera each, the one of the next rank by its baseline.
 

@@ -34,13 +34,11 @@ class Corners:
 @torch.no_grad()
 def find_corners(image: Float[Tensor, "3 height width"], ignored: Bool[Tensor, "height width"] | None) -> Corners:
     """Return the strongest corners of an image. ignored: pixels without corners."""
-    scale = _LONG_SIDE / max(image.shape[-2:])
-    size = [round(side * scale) for side in image.shape[-2:]]
-    grey = F.interpolate(image.mean(dim=0)[None, None], size, mode="bilinear", antialias=True, align_corners=False)
+    grey = small(image.mean(dim=0, keepdim=True))
     rows, columns = _gradients(_smoothed(grey, 1))
     strength = _smaller_eigenvalue(rows, columns)
     if ignored is not None:
-        is_ignored = F.interpolate(ignored[None, None].float(), size, mode="nearest") > 0
+        is_ignored = F.interpolate(ignored[None, None].float(), grey.shape[-2:], mode="nearest") > 0
         strength = strength.masked_fill(is_ignored, 0.0)
     inner = strength[..., _BORDER:-_BORDER, _BORDER:-_BORDER]
     is_strongest = F.max_pool2d(inner, _SEPARATION, stride=1, padding=_SEPARATION // 2) == inner
@@ -50,7 +48,14 @@ def find_corners(image: Float[Tensor, "3 height width"], ignored: Bool[Tensor, "
     cells = _smoothed(_direction_maps(rows, columns), 3)
     values = torch.cat([cells[0, :, y + down, x + right] for down in _CELLS for right in _CELLS]).T
     descriptors = F.normalize(F.normalize(values, dim=1).clamp(max=_MOST_OF_A_CELL), dim=1)
-    return Corners((torch.stack((x, y), dim=1) + 0.5) / torch.tensor([size[1], size[0]]), descriptors)
+    return Corners((torch.stack((x, y), dim=1) + 0.5) / torch.tensor([grey.shape[-1], grey.shape[-2]]), descriptors)
+
+
+def small(image: Float[Tensor, "channel height width"]) -> Float[Tensor, "1 channel small_height small_width"]:
+    """Return an image at the size at which corners are searched."""
+    scale = _LONG_SIDE / max(image.shape[-2:])
+    size = [round(side * scale) for side in image.shape[-2:]]
+    return F.interpolate(image[None], size, mode="bilinear", antialias=True, align_corners=False)
 
 
 def match_corners(first: Corners, second: Corners) -> tuple[Float[Tensor, "match 2"], Float[Tensor, "match 2"]]:

@@ -15,13 +15,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth_range import facing_baselines
-from fecocodec.geometry.sparse_matches import Corners, alike, find_corners
+from fecocodec.geometry.depth_range import neighbour_pairs
+from fecocodec.geometry.sparse_matches import Corners, alike, find_corners, small
 from fecocodec.geometry.views import Views
 
 _NEIGHBOURS = 3  # with which a photograph is compared
-_WINDOW = 9  # side of the square around a point whose mean colour is compared, in pixels of _LONG_SIDE
-_LONG_SIDE = 256  # pixels
+_WINDOW = 9  # side of the square around a point whose mean colour is compared, in pixels of the small image
 _LEAST_POINTS, _LEAST_AGREEMENT = 20, 0.5  # of points that look alike, and of the share whose factors agree
 _LARGEST_SPREAD = 0.1  # of logarithms of factors that agree
 _DARKEST, _BRIGHTEST = 0.06, 0.94  # mean colours that are compared: beyond them sensors clip
@@ -35,15 +34,9 @@ def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], .
     """
     cameras = reduce(Cameras.joined, (part.cameras for part in parts))
     found = [_colours_of(part, view) for part in parts for view in range(len(part.images))]
-    baselines = facing_baselines(cameras)
-    pairs = {
-        (min(view, other), max(view, other))
-        for view in range(len(found))
-        for other in baselines[view].argsort()[:_NEIGHBOURS].tolist()
-        if baselines[view, other].isfinite()
-    }
-    ratios = {pair: _log_ratio(*(found[view] for view in pair)) for pair in sorted(pairs)}
-    equations = [(pair, ratio) for pair, ratio in ratios.items() if ratio is not None]
+    pairs = neighbour_pairs(cameras, len(found), _NEIGHBOURS)
+    ratios = [(pair, _log_ratio(*(found[view] for view in pair))) for pair in pairs]
+    equations = [(pair, ratio) for pair, ratio in ratios if ratio is not None]
     if not equations:
         return None
     differences = torch.zeros(len(equations), len(found))
@@ -53,7 +46,6 @@ def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], .
     is_beside = differences.abs().T @ differences.abs() > 0  # a photograph is beside itself
     share = is_beside.float() / is_beside.sum(dim=1, keepdim=True).clamp_min(1)
     logs = share @ exposures - exposures
-    logs[~is_beside.any(dim=1)] = 0.0
     if float(logs.abs().max()) <= LEAST_DIFFERENCE:
         return None
     return torch.exp(logs).split([len(part.images) for part in parts])
@@ -76,10 +68,7 @@ class _Colours:
 def _colours_of(views: Views, view: int) -> _Colours:
     image = views.images[view]
     corners = find_corners(image, None if views.ignored is None else views.ignored[view])
-    scale = _LONG_SIDE / max(image.shape[-2:])
-    size = [round(side * scale) for side in image.shape[-2:]]
-    small = F.interpolate(image[None], size, mode="bilinear", antialias=True, align_corners=False)
-    means = F.avg_pool2d(small, _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
+    means = F.avg_pool2d(small(image), _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
     of_corners = F.grid_sample(means, 2 * corners.positions[None, :, None] - 1, align_corners=False)
     return _Colours(corners, of_corners[0, ..., 0].T)
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.coding_grid import grid_size
-from fecocodec.geometry.depth_range import believable_bounds, facing_baselines
+from fecocodec.geometry.depth_range import believable_bounds, neighbour_pairs
 from fecocodec.geometry.pose_check import Fit, fit_of
 from fecocodec.geometry.sparse_matches import find_corners, match_corners
 from fecocodec.geometry.views import Views, joined
@@ -171,18 +171,12 @@ def _warning_about_turn(names: list[str], fit: Fit) -> str:
 
 def _fits_of_neighbours(views: Views, count: int) -> dict[tuple[int, int], Fit]:
     """Return the fit of each of the first `count` views with the _NEIGHBOURS nearest views that look the same way."""
-    baselines = facing_baselines(views.cameras)
-    pairs = {
-        (min(view, other), max(view, other))
-        for view in range(count)
-        for other in baselines[view].argsort()[:_NEIGHBOURS].tolist()
-        if baselines[view, other].isfinite()
-    }
+    pairs = neighbour_pairs(views.cameras, count, _NEIGHBOURS)
     ignored = views.ignored if views.ignored is not None else [None] * len(views.images)
     corners = {view: find_corners(views.images[view], ignored[view]) for view in sorted({v for p in pairs for v in p})}
     return {
         (first, second): fit_of(*match_corners(corners[first], corners[second]), views.cameras.select([first, second]))
-        for first, second in sorted(pairs)
+        for first, second in pairs
     }
 
 
