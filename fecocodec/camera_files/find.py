@@ -42,7 +42,7 @@ def read_cameras(path: StrPath, *, are_images_needed: bool = True) -> PosedPhoto
         folder = path if path.is_dir() else path.parent
         others = _others(folder, found)
         remarks = _remarks(folder, found, others) if path.is_dir() else []
-        # Of COLMAP models, which may take seconds to read, it is not known.
+        # Images of other COLMAP models are not listed: these may take seconds to read.
         posed_elsewhere = frozenset(image for path in others if path.is_file() for image in named_images(path))
     except (OSError, ValueError) as error:  # ValueError: an invalid file name
         reason = getattr(error, "strerror", None) or str(error)
@@ -127,9 +127,9 @@ def _without_photographs(path: Path) -> str:
 
 
 def _elsewhere(folder: Path, cameras: list[Path]) -> str:
-    """Return that there are no photographs in a folder, in which folders below there are some, and unused cameras.
+    """Return the sentence for a folder without photographs: it names folders below that have some, or cameras.
 
-    cameras: in folders below, without images where they name them.
+    cameras: files in folders below, whose images are missing.
     """
     found = sorted({path.parent for depth in ("*/*", "*/*/*", "*/*/*/*") for path in _images_at(folder, depth)})
     unread = unread_cameras(folder, set(cameras))

@@ -83,6 +83,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float | None:
     return value
 
 
+_PARAMETERS = PUBLISHED_PARAMETERS["paper"]
 # What the paper prints (Table 1; Base: its appendix): parameters of sender and receiver in millions, seconds of both,
 # peak memory in GiB. None: not printed. NaN: "N/A", because HEVC has no trained parameters.
 PUBLISHED: dict[str, tuple[float | None, ...]] = {
@@ -93,12 +94,7 @@ PUBLISHED: dict[str, tuple[float | None, ...]] = {
     "ReSplat -> TinySplat": (76.63, math.nan, 1.448, 0.497, 1.925),
     "ReSplat -> FCGS": (79.16, 2.05, 2.319, 0.784, 5.157),
     "CodecSplat": (181.73, 45.00, 0.189, 0.138, 2.065),
-    "FeCoSplat": (
-        *(PUBLISHED_PARAMETERS["paper"][end] / 1e6 for end in (SENDER_SUM, RECEIVER_SUM)),
-        0.168,
-        0.117,
-        1.316,
-    ),
+    "FeCoSplat": (_PARAMETERS[SENDER_SUM] / 1e6, _PARAMETERS[RECEIVER_SUM] / 1e6, 0.168, 0.117, 1.316),
     "ELIC -> DepthSplat (Base)": (26.45, 144.81, None, None, None),
     "ELIC -> ReSplat (Base)": (26.45, 246.20, None, None, None),
 }
