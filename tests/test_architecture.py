@@ -30,6 +30,7 @@ HOME_OF_LIBRARY = {
     "scipy": (
         "fecocodec/camera_files/",
         "fecocodec/evaluation/",
+        "fecocodec/geometry/bundle_adjustment.py",
         "fecocodec/geometry/neighbours.py",
         "fecocodec/poses/",
         "fecocodec/splat_files/",

@@ -71,13 +71,9 @@ def read_pixels(
     far: float | None = None,
     background: Background | None = None,
     masks: Masks = "leave-out",
-    guides: Views | None = None,
 ) -> Views:
-    """Read the chosen photographs; arguments and errors as for `read_views`, `remarks` only on their pixels.
-
-    guides: other photographs, from which an estimate of `near` and `far` is made as well.
-    """
-    return with_depth_bounds(chosen, _read_unbounded(chosen, background, masks), near, far, guides)
+    """Read the chosen photographs; arguments and errors as for `read_views`, `remarks` only on their pixels."""
+    return with_depth_bounds(chosen, read_unbounded(chosen, background, masks), near, far)
 
 
 def read_others(
@@ -94,7 +90,7 @@ def read_others(
     read = list[Views]()
     for index, name in enumerate(chosen.names):
         try:
-            read.append(_read_unbounded(chosen.select([index]), background, masks))
+            read.append(read_unbounded(chosen.select([index]), background, masks))
         except InputError as error:
             if on_left_out is None:
                 raise
@@ -122,7 +118,7 @@ def with_problems(scene: PosedPhotographs, indices: list[int], *, are_told: bool
     return replace(scene, photographs=photographs)
 
 
-def _read_unbounded(chosen: ChosenPhotographs, background: Background | None, masks: Masks) -> Views:
+def read_unbounded(chosen: ChosenPhotographs, background: Background | None, masks: Masks) -> Views:
     """Read undistorted images of one size; near and far of the cameras are NaN."""
     read = [
         _framed_pixels(photograph, lenses, chosen.image_size, background or "white", masks)
@@ -201,7 +197,7 @@ def with_depth_bounds(
     """Return the views with depth bounds from the arguments, the camera file, sparse points, or else an estimate.
 
     Those of the camera file are corrected if matching contradicts them (`believable_bounds`). views: as read, of these
-    photographs. guides: as for `read_pixels`. Raises InputError for bounds that are no range.
+    photographs. guides: other photographs, which an estimate uses too. Raises InputError for bounds that are no range.
     """
     scene, is_chosen = chosen.scene, near is not None or far is not None
     # Bounds that were both given are no fault of the camera file.

@@ -1,17 +1,20 @@
 """Read the photographs of a folder by role, and encode them as its options say."""
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 
 import torch
 
 from fecocodec.captures.chosen_photographs import ChosenPhotographs
-from fecocodec.captures.scene_folder import read_others, read_pixels
+from fecocodec.captures.scene_folder import read_others, read_unbounded, with_depth_bounds
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.container import with_metadata
 from fecocodec.errors import InputError, error_context
-from fecocodec.geometry.views import Views
+from fecocodec.geometry.bundle_adjustment import adjusted
+from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.sparse_matches import CORNER_SIDE, Corners, corners_of
+from fecocodec.geometry.views import Views, with_cameras
 from fecocodec.progress import OnProgress
 from fecocodec.sender.encode import encode
 from fecocodec.sender.exposure import exposure_factors, with_factors
@@ -40,39 +43,64 @@ def read_photographs(
     Raises InputError for a coded photograph, or a guide that is named, that cannot be used.
     """
     colour, masks = options.background, options.masks
-    taught = kept_back = None
+    views, taught, kept_back = read_unbounded(context, colour, masks), None, None
     if guides is not None:
         taught = read_others(
             guides, background=colour, masks=masks, on_left_out=None if options.guides else messages.omit
         )
     if checks is not None:
         kept_back = read_others(checks, background=colour, masks=masks, on_left_out=messages.omit)
-    views = read_pixels(context, near=options.near, far=options.far, background=colour, masks=masks, guides=taught)
     if taught is not None:
         taught = _alike(taught, views, messages.refuse if options.guides else messages.omit)
     if kept_back is not None:
         kept_back = _alike(kept_back, views, messages.omit)
+    parts = [part for part in (views, taught, kept_back) if part is not None]
+    corners = [found for part in parts for found in corners_of(part.images, part.ignored)]
+    num_checks = 0 if kept_back is None else len(kept_back.names)
+    parts = _with_fitting_cameras(parts, corners, num_checks, messages)
     if colour is None:  # a background that was put in has no exposure
-        return _with_one_exposure(Photographs(views, taught, kept_back), messages)
-    return Photographs(views, taught, kept_back)
+        parts = _with_one_exposure(parts, corners, messages)
+    taught = None if taught is None else parts[1]
+    views = with_depth_bounds(context, parts[0], options.near, options.far, taught)
+    bounds = float(views.cameras.near), float(views.cameras.far)
+    return Photographs(
+        views,
+        None if taught is None else taught.within(*bounds),
+        None if kept_back is None else parts[-1].within(*bounds),
+    )
 
 
-def _with_one_exposure(found: Photographs, messages: Messages) -> Photographs:
+def _with_fitting_cameras(
+    parts: list[Views], corners: list[Corners], num_checks: int, messages: Messages
+) -> list[Views]:
+    """Return the photographs with cameras at which points that look alike meet; the last ones move no others."""
+    cameras = reduce(Cameras.joined, (part.cameras for part in parts))
+    num_used = cameras.num_views - num_checks
+    used = cameras.select(list(range(num_used)))
+    if better := adjusted(used, corners[:num_used]):
+        messages.note(
+            f"the cameras do not fit the photographs; they are adjusted, by up to {better.degrees:.1f} degrees, until "
+            f"points that look alike meet within {better.error:.1f} of {CORNER_SIDE} pixels."
+        )
+        used = better.cameras
+    cameras = used.joined(cameras.select(list(range(num_used, cameras.num_views))))
+    if num_checks and (better := adjusted(cameras, corners, num_fixed=num_used)):
+        cameras = better.cameras
+    return with_cameras(parts, cameras)
+
+
+def _with_one_exposure(parts: list[Views], corners: list[Corners], messages: Messages) -> list[Views]:
     """Return the photographs with the exposure and white balance of those beside them."""
-    others = [part for part in (found.guides, found.checks) if part is not None]
-    factors = exposure_factors([found.views, *others])
+    factors = exposure_factors(parts, corners)
     if factors is None:
-        return found
+        return parts
     largest = max(float(torch.maximum(of_part, 1.0 / of_part).max()) for of_part in factors) - 1.0
     messages.note(f"exposures or white balances differ by up to {largest:.0%} between neighbours; they are made alike.")
-    of_views, *of_others = factors
-    adapted = [with_factors(*pair) for pair in zip(others, of_others, strict=True)]
-    guides = None if found.guides is None else adapted[0]
-    return Photographs(with_factors(found.views, of_views), guides, None if found.checks is None else adapted[-1])
+    return [with_factors(*pair) for pair in zip(parts, factors, strict=True)]
 
 
 def _alike(others: Views, views: Views, on_left_out: OnMessage) -> Views | None:
-    """Return the photographs that are cut out or opaque as the coded ones are, with the same bounds of depth."""
+    """Return the photographs that are cut out or opaque as the coded ones are."""
     is_cut_out, are_cut_out = any(_are_cut_out(views)), _are_cut_out(others)
     kept = [index for index, other in enumerate(are_cut_out) if other == is_cut_out]
     if unlike := [name for index, name in enumerate(others.names) if index not in kept]:
@@ -81,9 +109,7 @@ def _alike(others: Views, views: Views, on_left_out: OnMessage) -> Views | None:
             f"left out {', '.join(unlike)}, {found}, while the coded photographs are {usual}; cut out the object in "
             "all, or give all without transparency."
         )
-    bounds = replace(others.cameras, near=views.cameras.near, far=views.cameras.far)
-    others = replace(others, cameras=bounds, alpha=others.alpha if is_cut_out else None)
-    return others.select(kept) if kept else None
+    return replace(others, alpha=others.alpha if is_cut_out else None).select(kept) if kept else None
 
 
 def _are_cut_out(views: Views) -> list[bool]:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.rotations import rotation_of_vector
 
 _LARGEST_ERROR = 1 / 128  # of a point from its epipolar line, in longer image sides: 2 of 256 pixels
 # Grids of turns, each around the best of the one before: step in degrees, steps to each side of the three axes, and
@@ -58,7 +59,7 @@ def fit_of(first: Float[Tensor, "match 2"], second: Float[Tensor, "match 2"], ca
     extrinsics = cameras.extrinsics.double()
 
     def shares(poses: Tensor, turns: Float[Tensor, "turn 3"], factor: float = 1.0) -> Float[Tensor, " turn"]:
-        return (_errors(rays, poses, _rotations(turns)) < factor * limit).double().mean(dim=1)
+        return (_errors(rays, poses, rotation_of_vector(turns)) < factor * limit).double().mean(dim=1)
 
     def gain(turns: Float[Tensor, "turn 3"], factor: float = 1.0) -> Float[Tensor, " turn"]:
         return shares(extrinsics, turns, factor) - _PRICE * turns.norm(dim=1)
@@ -103,10 +104,3 @@ def _errors(
     in_second, in_first = rays[0] @ essential.transpose(1, 2), rays[1] @ essential
     residual = (in_second * rays[1]).sum(dim=-1).abs()
     return residual / (in_second[..., :2].square().sum(-1) + in_first[..., :2].square().sum(-1)).sqrt().clamp_min(1e-12)
-
-
-def _rotations(axis_angles: Float[Tensor, "turn 3"]) -> Float[Tensor, "turn 3 3"]:
-    """Return the rotations of axis times angle in radians."""
-    x, y, z = axis_angles.unbind(1)
-    zero = torch.zeros_like(x)
-    return torch.linalg.matrix_exp(torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), dim=1).view(-1, 3, 3))

@@ -1,4 +1,4 @@
-"""Unit quaternions, order wxyz."""
+"""Unit quaternions, order wxyz, and rotation vectors."""
 
 import torch
 from jaxtyping import Float
@@ -54,3 +54,16 @@ def matrix_from_quaternion(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tenso
         torch.stack((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)), dim=-1),
     )
     return torch.stack(rows, dim=-2)
+
+
+def rotation_of_vector(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
+    """Return the rotation about the vector, by its length in radians."""
+    rotation: Tensor = torch.linalg.matrix_exp(cross_product_matrix(vector))
+    return rotation
+
+
+def cross_product_matrix(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
+    """Return the matrix that gives the cross product of the vector with another one."""
+    x, y, z = vector.unbind(-1)
+    zero = torch.zeros_like(x)
+    return torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), dim=-1).unflatten(-1, (3, 3))

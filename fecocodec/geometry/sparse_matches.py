@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-_LONG_SIDE = 256  # pixels of the images in which corners are searched
+CORNER_SIDE = 256  # pixels of the images in which corners are searched
 _MOST_CORNERS = 500
 _LEAST_CORNER = 1e-6  # smaller eigenvalue of the gradients' mean products, of grey values in [0, 1]
 _SEPARATION = 7  # pixels, side of the square in which a corner is the strongest
@@ -29,6 +29,13 @@ class Corners:
 
     positions: Float[Tensor, "corner 2"]
     descriptors: Float[Tensor, "corner value"]
+
+
+def corners_of(
+    images: Float[Tensor, "view 3 height width"], ignored: Bool[Tensor, "view height width"] | None
+) -> list[Corners]:
+    """Return the corners of each image. ignored: pixels without corners."""
+    return [find_corners(image, None if ignored is None else ignored[view]) for view, image in enumerate(images)]
 
 
 @torch.no_grad()
@@ -53,7 +60,7 @@ def find_corners(image: Float[Tensor, "3 height width"], ignored: Bool[Tensor, "
 
 def small(image: Float[Tensor, "channel height width"]) -> Float[Tensor, "1 channel small_height small_width"]:
     """Return an image at the size at which corners are searched."""
-    scale = _LONG_SIDE / max(image.shape[-2:])
+    scale = CORNER_SIDE / max(image.shape[-2:])
     size = [round(side * scale) for side in image.shape[-2:]]
     return F.interpolate(image[None], size, mode="bilinear", antialias=True, align_corners=False)
 

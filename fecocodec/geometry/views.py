@@ -68,6 +68,16 @@ def joined(parts: Sequence[Views]) -> Views:
     )
 
 
+def with_cameras(parts: Sequence[Views], cameras: Cameras) -> list[Views]:
+    """Return the parts with these cameras, which are those of all parts in their order."""
+    sizes = [len(part.images) for part in parts]
+    split = zip(cameras.extrinsics.split(sizes), cameras.intrinsics.split(sizes), strict=True)
+    return [
+        replace(part, cameras=replace(part.cameras, extrinsics=extrinsics, intrinsics=intrinsics))
+        for part, (extrinsics, intrinsics) in zip(parts, split, strict=True)
+    ]
+
+
 def joined_masks(
     parts: Sequence[tuple[Bool[Tensor, "_ h w"] | None, Float[Tensor, "_ 3 h w"]]],
 ) -> Bool[Tensor, "view h w"] | None:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.depth_range import neighbour_pairs
-from fecocodec.geometry.sparse_matches import Corners, alike, find_corners, small
+from fecocodec.geometry.sparse_matches import Corners, alike, small
 from fecocodec.geometry.views import Views
 
 _NEIGHBOURS = 3  # with which a photograph is compared
@@ -27,13 +27,14 @@ _DARKEST, _BRIGHTEST = 0.06, 0.94  # mean colours that are compared: beyond them
 LEAST_DIFFERENCE = 0.05  # of the logarithm of a factor; smaller ones are shading and wrong matches
 
 
-def exposure_factors(parts: Sequence[Views]) -> tuple[Float[Tensor, "view 3"], ...] | None:
+def exposure_factors(parts: Sequence[Views], corners: Sequence[Corners]) -> tuple[Float[Tensor, "view 3"], ...] | None:
     """Return what the colours of each view have to be multiplied with, per channel, by part; None if all hardly differ.
 
-    parts: views of one scene.
+    parts: views of one scene. corners: of all of them.
     """
     cameras = reduce(Cameras.joined, (part.cameras for part in parts))
-    found = [_colours_of(part, view) for part in parts for view in range(len(part.images))]
+    images = (image for part in parts for image in part.images)
+    found = [_colours_of(image, of_image) for image, of_image in zip(images, corners, strict=True)]
     pairs = neighbour_pairs(cameras, len(found), _NEIGHBOURS)
     ratios = [(pair, _log_ratio(*(found[view] for view in pair))) for pair in pairs]
     equations = [(pair, ratio) for pair, ratio in ratios if ratio is not None]
@@ -65,9 +66,7 @@ class _Colours:
     means: Float[Tensor, "corner 3"]
 
 
-def _colours_of(views: Views, view: int) -> _Colours:
-    image = views.images[view]
-    corners = find_corners(image, None if views.ignored is None else views.ignored[view])
+def _colours_of(image: Float[Tensor, "3 height width"], corners: Corners) -> _Colours:
     means = F.avg_pool2d(small(image), _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
     of_corners = F.grid_sample(means, 2 * corners.positions[None, :, None] - 1, align_corners=False)
     return _Colours(corners, of_corners[0, ..., 0].T)

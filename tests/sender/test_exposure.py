@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch import Tensor
 
 from fecocodec.codec.encode_folder import encode_folder
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.evaluation.stress.box_room import Room, along_a_line, painted, photograph
+from fecocodec.geometry.sparse_matches import corners_of
 from fecocodec.geometry.views import Views
 from fecocodec.sender.exposure import exposure_factors, with_factors
 from tests.example_scenes import write_views
@@ -23,9 +25,13 @@ def views() -> Views:
     return replace(room, images=0.2 + 0.5 * room.images)
 
 
+def factors_of(*parts: Views) -> tuple[Tensor, ...] | None:
+    return exposure_factors(parts, [found for part in parts for found in corners_of(part.images, part.ignored)])
+
+
 def test_neighbours_get_their_mean_exposure(views: Views) -> None:
     changed = with_factors(views, FACTORS)
-    factors = torch.cat(exposure_factors([changed.select([0, 1, 2]), changed.select([3])]))
+    factors = torch.cat(factors_of(changed.select([0, 1, 2]), changed.select([3])))
     torch.testing.assert_close(factors.log().mean(dim=0), torch.zeros(3), atol=1e-5, rtol=0)
     undone = factors * FACTORS
     torch.testing.assert_close(undone, undone.mean(dim=0).expand(4, 3), atol=0.03, rtol=0)
@@ -35,13 +41,13 @@ def test_what_changes_slowly_along_a_walk_hardly_changes() -> None:
     walk = photograph(Room(painted), along_a_line(11)[:-1], (96, 96))
     walk = replace(walk, images=0.2 + 0.5 * walk.images)
     drift = torch.linspace(-0.2, 0.2, 11).exp()[:, None].expand(11, 3)
-    (factors,) = exposure_factors([with_factors(walk, drift)])
+    (factors,) = factors_of(with_factors(walk, drift))
     assert float(factors[3:8].log().abs().max()) < 0.03  # at the ends, neighbours are on one side
 
 
 def test_one_exposure_stays(views: Views) -> None:
-    assert exposure_factors([views]) is None
-    assert exposure_factors([views.select([0])]) is None
+    assert factors_of(views) is None
+    assert factors_of(views.select([0])) is None
 
 
 def test_masked_pixels_do_not_count(views: Views) -> None:
@@ -49,8 +55,8 @@ def test_masked_pixels_do_not_count(views: Views) -> None:
     ignored[1, :, 40:] = True
     spoiled = views.images.clone()
     spoiled[1, :, :, 40:] *= 0.5
-    assert exposure_factors([replace(views, images=spoiled, ignored=ignored)]) is None
-    assert exposure_factors([replace(views, images=spoiled)]) is not None
+    assert factors_of(replace(views, images=spoiled, ignored=ignored)) is None
+    assert factors_of(replace(views, images=spoiled)) is not None
 
 
 def test_the_white_of_cut_outs_stays(views: Views) -> None:

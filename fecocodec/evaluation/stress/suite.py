@@ -24,8 +24,10 @@ from fecocodec.evaluation.stress.cases import (
     room_cases,
 )
 from fecocodec.evaluation.systems.image_compression import reconstruct_at
+from fecocodec.geometry.bundle_adjustment import adjusted
 from fecocodec.geometry.depth_range import believable_bounds
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.geometry.sparse_matches import corners_of
 from fecocodec.limits import require_depths
 from fecocodec.receiver.decode import decode_with
 from fecocodec.rendering.metrics import psnr
@@ -148,14 +150,20 @@ class StressSuite:
 
 
 def _as_read(trial: Trial) -> Trial:
-    """Return the trial with the bounds of depth and the exposure that `encode` gives to photographs of a folder."""
+    """Return the trial with the cameras, bounds of depth and exposure that `encode` gives to photographs of a folder.
+
+    Cameras are adjusted together, as those of checks are with the coded ones; exposures of targets stay.
+    """
     views, coded = trial.views, list(range(trial.num_context))
     require_depths(float(views.cameras.near), float(views.cameras.far))
-    if bounds := believable_bounds(views.select(coded)):
-        views = views.within(*bounds)
-    if (factors := exposure_factors([views.select(coded)])) is not None:
+    corners = corners_of(views.images, views.ignored)
+    if better := adjusted(views.cameras, corners):
+        views = replace(views, cameras=better.cameras)
+    if (factors := exposure_factors([views.select(coded)], corners[: trial.num_context])) is not None:
         others = torch.ones(len(views.images) - trial.num_context, 3)
         views = with_factors(views, torch.cat((*factors, others)))
+    if bounds := believable_bounds(views.select(coded)):
+        views = views.within(*bounds)
     return replace(trial, views=views)
 
 
