@@ -30,8 +30,8 @@ HOME_OF_LIBRARY = {
     "scipy": (
         "fecocodec/camera_files/",
         "fecocodec/evaluation/",
-        "fecocodec/geometry/bundle_adjustment.py",
         "fecocodec/geometry/neighbours.py",
+        "fecocodec/geometry/point_tracks.py",
         "fecocodec/poses/",
         "fecocodec/splat_files/",
         "fecocodec/training/",

@@ -17,7 +17,7 @@ from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
-from fecocodec.codec.roles import Roles, choose_roles
+from fecocodec.codec.roles import LEAST_FOR_CHOICE, Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.container import read_header
 from fecocodec.errors import InputError
@@ -98,7 +98,15 @@ def encode_folder(
         messages.folder = folder
         messages.note(*source.notes)
         messages.warn(*source.warnings)
-        roles, photographs = _read(read_cameras(source.path), options, messages, on_progress)
+        scene = read_cameras(source.path)
+        is_chosen = not isinstance(options.views, tuple) and len(scene.photographs) >= LEAST_FOR_CHOICE
+        if is_chosen and source.save_cameras is None:
+            from fecocodec.codec.fitting_cameras import with_fitting_cameras  # it loads torch
+
+            scene, better = with_fitting_cameras(scene, options.masks)
+            if better is not None:
+                messages.note(better.remark)
+        roles, photographs = _read(scene, options, messages, on_progress)
         messages.note(*photographs.views.remarks)
 
     from fecocodec.codec.encode_views import encode_views

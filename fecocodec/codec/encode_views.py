@@ -11,9 +11,9 @@ from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.container import with_metadata
 from fecocodec.errors import InputError, error_context
-from fecocodec.geometry.bundle_adjustment import adjusted
+from fecocodec.geometry.bundle_adjustment import adjusted_with_checks
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.sparse_matches import CORNER_SIDE, Corners, corners_of
+from fecocodec.geometry.sparse_matches import Corners, corners_of
 from fecocodec.geometry.views import Views, with_cameras
 from fecocodec.progress import OnProgress
 from fecocodec.sender.encode import encode
@@ -73,19 +73,11 @@ def read_photographs(
 def _with_fitting_cameras(
     parts: list[Views], corners: list[Corners], num_checks: int, messages: Messages
 ) -> list[Views]:
-    """Return the photographs with cameras at which points that look alike meet; the last ones move no others."""
+    """Return the photographs with cameras at which points that look alike meet. num_checks: of the last part."""
     cameras = reduce(Cameras.joined, (part.cameras for part in parts))
-    num_used = cameras.num_views - num_checks
-    used = cameras.select(list(range(num_used)))
-    if better := adjusted(used, corners[:num_used]):
-        messages.note(
-            f"the cameras do not fit the photographs; they are adjusted, by up to {better.degrees:.1f} degrees, until "
-            f"points that look alike meet within {better.error:.1f} of {CORNER_SIDE} pixels."
-        )
-        used = better.cameras
-    cameras = used.joined(cameras.select(list(range(num_used, cameras.num_views))))
-    if num_checks and (better := adjusted(cameras, corners, num_fixed=num_used)):
-        cameras = better.cameras
+    cameras, better = adjusted_with_checks(cameras, corners, num_checks, parts[0])
+    if better is not None:
+        messages.note(better.remark)
     return with_cameras(parts, cameras)
 
 

@@ -127,7 +127,7 @@ def _roles(
     if named and wanted == 0 and (guides == () or taught):
         return Roles(named, taught, [], len(rest))
 
-    pinholes, problems = _usable(photographs, rest)
+    pinholes, problems = usable_cameras(photographs, rest)
     if not pinholes and not named:
         nothing_left = f"{folder}: no photograph is left to be coded; name fewer in `guides`."
         raise InputError(next(iter(problems.values()), nothing_left))
@@ -220,7 +220,7 @@ def _covering(
     return sorted(decide(k_centres(overlap, [], candidates, MAX_VIEWS), reached))
 
 
-def _usable(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dict[int, Lens], dict[int, str]]:
+def usable_cameras(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dict[int, Lens], dict[int, str]]:
     """Return the pinholes of the photographs that can be used, and what is wrong with each other one."""
     pinholes, problems = dict[int, Lens](), dict[int, str]()
     for index in indices:

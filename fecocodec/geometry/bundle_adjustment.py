@@ -10,19 +10,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.depth_range import facing_baselines, neighbour_pairs
+from fecocodec.geometry.depth_range import agreed_depths, facing_baselines
+from fecocodec.geometry.point_tracks import Observations, observations
 from fecocodec.geometry.rotations import cross_product_matrix, rotation_of_vector
-from fecocodec.geometry.sparse_matches import CORNER_SIDE, Corners, alike
+from fecocodec.geometry.sparse_matches import CORNER_SIDE, Corners
+from fecocodec.geometry.views import Views
 
-_NEIGHBOURS = 3  # with which a photograph is compared
 _SCALES = (64.0, 64.0, 32.0, 32.0, 16.0, 16.0, 8.0, 8.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 1.0)  # of the weights, by step
 _NOISE = 0.5  # standard deviation of a corner's position
 _TURN, _SHIFT = math.radians(1.0), 0.01  # of given cameras, shifts in distances to the nearest camera
@@ -30,6 +28,7 @@ _LEAST_POINTS = 10  # for each photograph on average
 # Chosen on training captures (docs/what_we_learned.md): least fall of the mean cost, which is at most 0.04 where given
 # cameras are right; and largest median error in pixels, against wrong cameras that fit a little better.
 _LEAST_GAIN, _MOST_ERROR = 0.07, 1.5
+_MOST_LOST = 0.2  # of the share of pixels whose depths agree
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,24 @@ class Adjusted:
     error: float
     degrees: float
 
+    @property
+    def remark(self) -> str:
+        """Say it to the user."""
+        return (
+            f"the cameras do not fit the photographs; they are adjusted, by up to {self.degrees:.1f} degrees, until "
+            f"points that look alike meet within {self.error:.1f} of {CORNER_SIDE} pixels."
+        )
 
-def adjusted(cameras: Cameras, corners: Sequence[Corners], num_fixed: int = 0) -> Adjusted | None:
+
+def adjusted(
+    cameras: Cameras, corners: Sequence[Corners], num_fixed: int = 0, photographs: Views | None = None
+) -> Adjusted | None:
     """Return cameras that fit clearly better than the given ones; None if there are none, or few points look alike.
 
-    corners: of each camera's photograph. num_fixed: how many of the first cameras stay. The mean of the others
-    nearly stays.
+    corners: of each camera's photograph. num_fixed: how many of the first cameras stay. The mean pose of the others
+    hardly changes. photographs: of the first cameras; their depths must not agree much less than with the given ones.
     """
-    seen = _observations(cameras, corners)
+    seen = observations(cameras, corners)
     if seen.num_points < _LEAST_POINTS * cameras.num_views:
         return None
     unit = facing_baselines(cameras).double().amin(dim=1)
@@ -69,43 +78,33 @@ def adjusted(cameras: Cameras, corners: Sequence[Corners], num_fixed: int = 0) -
     moved[:, :3, 3] *= size
     extrinsics = cameras.extrinsics.clone()
     extrinsics[num_fixed:] = moved[num_fixed:]
-    degrees = math.degrees(float(change[:, :3].norm(dim=1).max()))
-    return Adjusted(replace(cameras, extrinsics=extrinsics), error, degrees)
+    better = replace(cameras, extrinsics=extrinsics)
+    if photographs is not None and _loses_depth(photographs, better):
+        return None
+    return Adjusted(better, error, math.degrees(float(change[:, :3].norm(dim=1).max())))
 
 
-@dataclass(frozen=True)
-class _Observations:
-    """Where points are seen. rays: (x, y) at depth 1 in the camera's frame. focal_px: in pixels of CORNER_SIDE."""
+def adjusted_with_checks(
+    cameras: Cameras, corners: Sequence[Corners], num_checks: int, photographs: Views
+) -> tuple[Cameras, Adjusted | None]:
+    """Adjust cameras, then the last `num_checks` to the others: they are only measured, so they move no other.
 
-    views: Int[Tensor, " seen"]
-    points: Int[Tensor, " seen"]
-    rays: Float[Tensor, "seen 2"]
-    focal_px: Float[Tensor, " seen"]
-    num_points: int
+    Returns all cameras, and what was done to the others. photographs: as for `adjusted`.
+    """
+    num_used = cameras.num_views - num_checks
+    used = cameras.select(list(range(num_used)))
+    better = adjusted(used, corners[:num_used], photographs=photographs)
+    if better is not None:
+        used = better.cameras
+    cameras = used.joined(cameras.select(list(range(num_used, cameras.num_views))))
+    of_checks = adjusted(cameras, corners, num_fixed=num_used) if num_checks else None
+    return cameras if of_checks is None else of_checks.cameras, better
 
 
-def _observations(cameras: Cameras, corners: Sequence[Corners]) -> _Observations:
-    """Join corners that look alike to points; without those that are two corners of one photograph."""
-    starts = np.cumsum([0, *(len(found.positions) for found in corners)])
-    edges = [np.zeros((2, 0), dtype=np.int64)]
-    for first, second in neighbour_pairs(cameras, cameras.num_views, _NEIGHBOURS):
-        pair = torch.stack(alike(corners[first], corners[second])).numpy()
-        edges.append(pair + starts[[first, second], None])
-    ends = np.concatenate(edges, axis=1)
-    graph = coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(starts[-1], starts[-1]))
-    labels = connected_components(graph, directed=False)[1]
-    used = np.unique(ends)
-    views, labels = np.searchsorted(starts, used, side="right") - 1, labels[used]
-    places, counts = np.unique(np.stack((labels, views)), axis=1, return_counts=True)
-    is_kept = ~np.isin(labels, places[0, counts > 1])
-    points = np.unique(labels[is_kept], return_inverse=True)[1]
-    positions = torch.cat([found.positions for found in corners]).double()[used[is_kept]]
-    seen_by = torch.as_tensor(views[is_kept])
-    intrinsics = cameras.intrinsics.double()[seen_by]
-    focal = intrinsics[:, :2, :2].diagonal(dim1=1, dim2=2)
-    rays = (positions - intrinsics[:, :2, 2]) / focal
-    focal_px = CORNER_SIDE * focal.amin(dim=1)
-    return _Observations(seen_by, torch.as_tensor(points), rays, focal_px, int(points.max(initial=-1)) + 1)
+def _loses_depth(views: Views, cameras: Cameras) -> bool:
+    """Return whether plane sweeps of these views agree much less: repeated patterns fit wrong cameras, too."""
+    moved = replace(views, cameras=cameras.select(list(range(len(views.images)))))
+    return agreed_depths(views).share - agreed_depths(moved).share > _MOST_LOST
 
 
 def _moved(
@@ -119,7 +118,7 @@ def _moved(
 
 
 def _triangulated(
-    seen: _Observations, extrinsics: Float[Tensor, "view 4 4"], weights: Float[Tensor, " seen"]
+    seen: Observations, extrinsics: Float[Tensor, "view 4 4"], weights: Float[Tensor, " seen"]
 ) -> Float[Tensor, "point 3"]:
     """Return the points nearest to their rays."""
     rays = torch.cat((seen.rays, torch.ones_like(seen.rays[:, :1])), dim=1)
@@ -138,7 +137,7 @@ def _sums(values: Float[Tensor, "seen *shape"], index: Int[Tensor, " seen"], cou
 
 
 def _seen_from_cameras(
-    seen: _Observations, extrinsics: Float[Tensor, "view 4 4"], points: Float[Tensor, "point 3"]
+    seen: Observations, extrinsics: Float[Tensor, "view 4 4"], points: Float[Tensor, "point 3"]
 ) -> tuple[Float[Tensor, "seen 3"], Float[Tensor, "seen 2"]]:
     """Return the points in the frames of their cameras, and their distances from where they are seen, in pixels."""
     poses = extrinsics[seen.views]
@@ -152,7 +151,7 @@ def _depth(local: Float[Tensor, "seen 3"]) -> Float[Tensor, " seen"]:
 
 
 def _points(
-    seen: _Observations, extrinsics: Float[Tensor, "view 4 4"], scale: float
+    seen: Observations, extrinsics: Float[Tensor, "view 4 4"], scale: float
 ) -> tuple[Float[Tensor, "point 3"], Float[Tensor, " seen"]]:
     """Return the points for these cameras, and the weights of what is seen."""
     weights = torch.ones_like(seen.focal_px)
@@ -163,7 +162,7 @@ def _points(
     return points, weights
 
 
-def _errors(seen: _Observations, extrinsics: Float[Tensor, "view 4 4"]) -> Float[Tensor, " seen"]:
+def _errors(seen: Observations, extrinsics: Float[Tensor, "view 4 4"]) -> Float[Tensor, " seen"]:
     return _seen_from_cameras(seen, extrinsics, _points(seen, extrinsics, _SCALES[-1])[0])[1].norm(dim=1)
 
 
@@ -173,7 +172,7 @@ def _cost(errors: Float[Tensor, " seen"]) -> float:
 
 
 def _equations(
-    seen: _Observations,
+    seen: Observations,
     extrinsics: Float[Tensor, "view 4 4"],
     unit: Float[Tensor, " view"],
     change: Float[Tensor, "view 6"],
@@ -203,7 +202,7 @@ def _equations(
 
 
 def _derivatives(
-    seen: _Observations,
+    seen: Observations,
     extrinsics: Float[Tensor, "view 4 4"],
     unit: Float[Tensor, " view"],
     local: Float[Tensor, "seen 3"],

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from fecocodec.codec.encode_folder import encode_folder
 from fecocodec.codec.options import EncodingOptions
-from fecocodec.evaluation.stress.box_room import Room, along_a_line, painted, photograph
+from fecocodec.evaluation.stress.box_room import Room, along_a_line, chequered, painted, photograph
 from fecocodec.evaluation.stress.perturbations import turned
 from fecocodec.geometry.bundle_adjustment import adjusted
 from fecocodec.geometry.sparse_matches import corners_of
@@ -68,6 +68,14 @@ def test_fixed_cameras_stay_and_others_are_adjusted_to_them(views: Views) -> Non
 def test_cameras_of_other_photographs_stay(views: Views) -> None:
     mixed = replace(views.cameras, extrinsics=views.cameras.extrinsics.flip(0))
     assert adjusted(mixed, corners_of(views.images, views.ignored)) is None
+
+
+def test_right_cameras_of_a_repeated_pattern_stay() -> None:
+    """Its corners look alike one period further on, where a turned camera would see them; plane sweeps contradict."""
+    pattern = photograph(Room(chequered), along_a_line(3)[:2], (256, 256))
+    corners = corners_of(pattern.images, pattern.ignored)
+    assert adjusted(pattern.cameras, corners) is not None
+    assert adjusted(pattern.cameras, corners, photographs=pattern) is None
 
 
 def test_few_points_say_nothing(views: Views) -> None:

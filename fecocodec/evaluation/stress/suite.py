@@ -24,7 +24,7 @@ from fecocodec.evaluation.stress.cases import (
     room_cases,
 )
 from fecocodec.evaluation.systems.image_compression import reconstruct_at
-from fecocodec.geometry.bundle_adjustment import adjusted
+from fecocodec.geometry.bundle_adjustment import adjusted_with_checks
 from fecocodec.geometry.depth_range import believable_bounds
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.sparse_matches import corners_of
@@ -152,16 +152,16 @@ class StressSuite:
 def _as_read(trial: Trial) -> Trial:
     """Return the trial with the cameras, bounds of depth and exposure that `encode` gives to photographs of a folder.
 
-    Cameras are adjusted together, as those of checks are with the coded ones; exposures of targets stay.
+    Those of targets are adjusted to the coded ones, as those of checks; exposures of targets stay.
     """
     views, coded = trial.views, list(range(trial.num_context))
     require_depths(float(views.cameras.near), float(views.cameras.far))
     corners = corners_of(views.images, views.ignored)
-    if better := adjusted(views.cameras, corners):
-        views = replace(views, cameras=better.cameras)
+    num_targets = len(views.images) - trial.num_context
+    cameras, _ = adjusted_with_checks(views.cameras, corners, num_targets, views.select(coded))
+    views = replace(views, cameras=cameras)
     if (factors := exposure_factors([views.select(coded)], corners[: trial.num_context])) is not None:
-        others = torch.ones(len(views.images) - trial.num_context, 3)
-        views = with_factors(views, torch.cat((*factors, others)))
+        views = with_factors(views, torch.cat((*factors, torch.ones(num_targets, 3))))
     if bounds := believable_bounds(views.select(coded)):
         views = views.within(*bounds)
     return replace(trial, views=views)
