@@ -63,6 +63,7 @@ def observations(cameras: Cameras, corners: Sequence[Corners]) -> Observations:
 
 def _angles_to_next(corners: Corners) -> Float[Tensor, " corner"]:
     """Return how far each corner looks from the one of the same photograph that is most like it."""
+    if not len(corners.positions):
+        return torch.zeros(0)
     cosines = (corners.descriptors @ corners.descriptors.T).fill_diagonal_(-1.0)
-    angles: Tensor = torch.acos(cosines.clamp(-1, 1).amax(dim=1))
-    return angles
+    return torch.acos(cosines.clamp(-1, 1).amax(dim=1))

@@ -84,6 +84,8 @@ def test_few_points_say_nothing(views: Views) -> None:
     ignored[:, :50, :50] = False
     assert adjusted(wrong, corners_of(views.images, ignored)) is None
     assert adjusted(wrong, corners_of(views.images, None)) is not None
+    blank = torch.full_like(views.images, 0.5)
+    assert adjusted(wrong, corners_of(blank, None)) is None
 
 
 def test_cameras_return_to_their_parts(views: Views) -> None:
