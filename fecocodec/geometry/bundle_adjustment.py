@@ -43,8 +43,8 @@ class Adjusted:
     def remark(self) -> str:
         """Say it to the user."""
         return (
-            f"the cameras do not fit the photographs; they are adjusted, by up to {self.degrees:.1f} degrees, until "
-            f"points that look alike meet within {self.error:.1f} of {CORNER_SIDE} pixels."
+            f"the cameras do not fit the photographs; they are shifted, and turned by up to {self.degrees:.1f} "
+            f"degrees, until points that look alike meet within {self.error:.1f} of {CORNER_SIDE} pixels."
         )
 
 

@@ -129,7 +129,7 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
         ("poses moved by 20% of baseline", lambda: perturbations.moved(views, 0.2, two), _lost(5.5)),
         ("baseline said to be 1%", lambda: perturbations.closer_together(views, 0.01, two), _lost(0.5)),
         ("baseline said to be 10 times", lambda: perturbations.closer_together(views, 10.0, two), _lost(0.5)),
-        ("focal length 20% wrong", lambda: perturbations.with_focal(views, 1.2), _lost(0.5)),
+        ("focal length 20% wrong", lambda: perturbations.with_focal(views, 1.2), _lost(1.0)),
         (
             "OpenGL axes",
             lambda: perturbations.with_axes(views, (1.0, -1.0, -1.0)),
