@@ -3,7 +3,7 @@
 Cameras and points minimise the robust distances of the points from where they are seen (Triggs et al., "Bundle
 adjustment - a modern synthesis", 2000): Gauss-Newton steps, points eliminated by the Schur complement, weights of Geman
 and McClure (1987) whose scale falls, so that far points count first. Corners are exact to a pixel of 256, so cameras
-that fit so well are better left alone: of 87 captures of structure from motion, none gained (docs/what_we_learned.md).
+that fit so well are left alone: adjusting them costs quality (docs/what_we_learned.md).
 """
 
 import math
@@ -72,7 +72,7 @@ def adjusted(
     is_judged = seen.views >= num_fixed
     before, after = (_errors(seen, extrinsics)[is_judged] for extrinsics in (given, moved))
     error = float(after.median())
-    is_better = _cost(before) - _cost(after) >= _LEAST_GAIN and error <= _MOST_ERROR
+    is_better = _cost(before) - _cost(after) >= _LEAST_GAIN and error <= _MOST_ERROR  # not for NaN
     if not is_better:
         return None
     moved[:, :3, 3] *= size
@@ -178,7 +178,7 @@ def _equations(
     change: Float[Tensor, "view 6"],
     scale: float,
 ) -> tuple[Float[Tensor, "unknown unknown"], Float[Tensor, " unknown"]]:
-    """Return matrix and right side of a Gauss-Newton step back. change: what is sought, so far."""
+    """Return the equations of the Gauss-Newton step that is subtracted from `change`: their matrix and right side."""
     points, weights = _points(seen, extrinsics, scale)
     local, distances = _seen_from_cameras(seen, extrinsics, points)
     by_camera, by_point = _derivatives(seen, extrinsics, unit, local)
@@ -186,19 +186,17 @@ def _equations(
     num_views, one = len(change), torch.eye(3, dtype=torch.float64)
     of_cameras = _sums(by_camera.mT @ by_camera * weighted, seen.views, num_views)
     of_points = _sums(by_point.mT @ by_point * weighted, seen.points, seen.num_points)
-    of_points = of_points + (1e-6 * of_points.diagonal(dim1=1, dim2=2).mean(dim=1)[:, None, None] + 1e-30) * one
+    damping = 1e-6 * of_points.diagonal(dim1=1, dim2=2).mean(dim=1) + 1e-30  # the latter for points without weight
+    of_points = of_points + damping[:, None, None] * one
     mixed = by_camera.new_zeros(num_views, 6, seen.num_points, 3)
     mixed[seen.views, :, seen.points] = by_camera.mT @ by_point * weighted
     mixed = mixed.flatten(0, 1)
     eliminated = torch.einsum("cpi,pij->cpj", mixed, torch.linalg.inv(of_points)).flatten(1)
     right = _sums(by_camera.mT @ distances[..., None] * weighted, seen.views, num_views).flatten()
-    right = (
-        right
-        - eliminated @ _sums(by_point.mT @ distances[..., None] * weighted, seen.points, seen.num_points).flatten()
-    )
+    right_of_points = _sums(by_point.mT @ distances[..., None] * weighted, seen.points, seen.num_points).flatten()
     stiffness = change.new_tensor([_TURN**-2] * 3 + [_SHIFT**-2] * 3).repeat(num_views)
     matrix = torch.block_diag(*of_cameras) - eliminated @ mixed.flatten(1).T + torch.diag(stiffness)
-    return matrix, right + stiffness * change.flatten()
+    return matrix, right - eliminated @ right_of_points + stiffness * change.flatten()
 
 
 def _derivatives(

@@ -152,7 +152,7 @@ class StressSuite:
 def _as_read(trial: Trial) -> Trial:
     """Return the trial with the cameras, bounds of depth and exposure that `encode` gives to photographs of a folder.
 
-    Those of targets are adjusted to the coded ones, as those of checks; exposures of targets stay.
+    Cameras of targets are adjusted to the coded ones, as `encode` does for checks; exposures of targets stay.
     """
     views, coded = trial.views, list(range(trial.num_context))
     require_depths(float(views.cameras.near), float(views.cameras.far))
