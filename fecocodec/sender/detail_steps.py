@@ -21,7 +21,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.grid import LATENTS
 from fecocodec.progress import Progress
 from fecocodec.sender.distortion import LogDistortion
-from fecocodec.sender.lambda_roles import detail_step, price_of_detail
+from fecocodec.sender.lambda_roles import detail_step, is_taught, price_of_detail
 from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.references import Pictures, References
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -42,8 +42,8 @@ PRICE_OF_CHOICE = 0.12  # of a bit, in squared steps, for the choice of symbols
 class Search:
     """What a search of one scene needs.
 
-    references: photographs. gaussians: of these values, with constant colours. as_decoded: those of a decoder. price:
-    of a bit, in units of D.
+    references: photographs. gaussians: of these values, as the descent renders them. as_decoded: those of a decoder.
+    price: of a bit, in units of D.
     """
 
     references: References
@@ -150,15 +150,18 @@ def _gradient(search: Search, values: Values, number: int) -> Values:
 def search_of(encoder: SceneEncoder, last: Stage[Any], lambda_q: int) -> Search:
     """Return the search of one scene. Arguments as for `find_detail`.
 
-    Colours are constant in the descent: colours by direction would compensate depth errors.
+    Colours are constant in the descent unless guides judge it: colours by direction would compensate depth errors.
     """
     predictor, basis = encoder.codec.receiver.predictor, encoder.codec.receiver.detail_basis
     inputs = predictor.before_head(last.state, encoder.cameras, last.inputs.condition)
     step = float(step_size(detail_step(lambda_q)))
 
-    def gaussians(values: Values, has_fitted_colours: bool = False) -> Gaussians:
+    def gaussians(values: Values, has_fitted_colours: bool) -> Gaussians:
         prediction = predictor.at_head(*inputs, encoder.cameras, basis(values * step))
         return encoder.emit(prediction, last.fading, has_fitted_colours=has_fitted_colours)
 
-    price = price_of_detail(encoder.num_views, lambda_q) / encoder.num_pixels
-    return Search(References.of(encoder), gaussians, partial(gaussians, has_fitted_colours=True), price)
+    references = References.of(encoder)
+    counts = references.num_context, references.num_guides
+    of_descent = partial(gaussians, has_fitted_colours=is_taught(*counts))
+    price = price_of_detail(*counts, lambda_q) / encoder.num_pixels
+    return Search(references, of_descent, partial(gaussians, has_fitted_colours=True), price)

@@ -147,7 +147,9 @@ def write_scene(
         raise InputError("this model has no network for `sharpness`; leave it out, or choose another model.")
     num_detail_steps = config.detail_steps_of(encoder.num_views, encoder.num_pixels, lambda_q)
     has_detail = receiver.detail is not None and num_detail_steps > 0
-    of_latents = lambda_of_latents(lambda_q) if has_detail else lambda_q
+    of_latents = lambda_of_latents(scene.num_views, scene.num_guides, lambda_q) if has_detail else lambda_q
+    if of_latents > lambda_q:
+        config = replace(config, extra_step_above=())  # detail does what these steps would
     of_stages, of_detail = Progress(on_progress).split(1.0 - SHARE_OF_DETAIL, SHARE_OF_DETAIL if has_detail else 0.0)
     stages = write_stages(encoder, of_latents, num_stages, config, of_stages)
     stream = assemble(encoder.codec, scene, stages)

@@ -30,15 +30,24 @@ FULL_DETAIL_LAMBDA_Q = 871  # lambda 3e-4: above it, bits of detail cost more, s
 FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
 LEAST_LATENT_LAMBDA_Q = 1088  # lambda 7e-4: latents below detail are not coded at a smaller one; detail buys more
 MANY_VIEWS = 4  # from so many on, there is detail at every lambda, at the price of other bits
+# Guides show which detail helps new views. Without them, the same costs 0.2 dB there.
+LEAST_SHARE_OF_GUIDES = 0.5  # of the number of coded views
+LEAST_TAUGHT_LATENT_LAMBDA_Q, PRICE_OF_TAUGHT_DETAIL = 1413, 0.6  # lambda 2.5e-3; of the price of other bits
 RATE_WEIGHT = 2.15  # price of a bit per pixel, in lambdas, at lambda 1e-2
 PRICE_EXPONENT = 0.6  # of lambda below; under 1, because D of the context views gains more per bit than that of others
 DETAIL_PRICE_EXPONENT = 1.15  # of lambda above FULL_DETAIL_LAMBDA_Q, beyond that of the price
 DETAIL_STEP, DETAIL_STEP_EXPONENT = 0.3, 0.15  # quantisation step of detail, and its exponent of lambda when finer
 
 
-def lambda_of_latents(lambda_q: int) -> int:
+def is_taught(num_views: int, num_guides: int) -> bool:
+    """Whether detail of the views is found by what guides show between them, and takes bits from latents."""
+    return num_views >= MANY_VIEWS and num_guides >= LEAST_SHARE_OF_GUIDES * num_views
+
+
+def lambda_of_latents(num_views: int, num_guides: int, lambda_q: int) -> int:
     """Return the quantised lambda of the latents of a stream with detail."""
-    return max(lambda_q, LEAST_LATENT_LAMBDA_Q)
+    least = LEAST_TAUGHT_LATENT_LAMBDA_Q if is_taught(num_views, num_guides) else LEAST_LATENT_LAMBDA_Q
+    return max(lambda_q, least)
 
 
 def stage_lambdas(lambda_q: LambdaQ, num_stages: int, offset: int = Method.stage_1_offset) -> list[LambdaQ]:
@@ -53,14 +62,14 @@ def price_of_rate(lambda_q: int) -> float:
     return RATE_WEIGHT * LAMBDA_MAX * math.exp(PRICE_EXPONENT * (lambda_q - LAMBDA_Q_MAX) / STEPS_PER_E)
 
 
-def price_of_detail(num_views: int, lambda_q: int) -> float:
+def price_of_detail(num_views: int, num_guides: int, lambda_q: int) -> float:
     """Return the price of a bit of detail per pixel, in units of D.
 
     At lambda 1e-3 and above, latents of a few views buy more at target views; below 3e-4, both buy the same, and detail
     far more at context views.
     """
     if num_views >= MANY_VIEWS:
-        return price_of_rate(lambda_q)
+        return price_of_rate(lambda_q) * (PRICE_OF_TAUGHT_DETAIL if is_taught(num_views, num_guides) else 1.0)
     rise = math.exp(DETAIL_PRICE_EXPONENT * max(0, lambda_q - FULL_DETAIL_LAMBDA_Q) / STEPS_PER_E)
     return price_of_rate(lambda_q) * rise
 

@@ -51,13 +51,16 @@ class References:
         ignored = joined_masks([(encoder.ignored, images), (guides.ignored, guides.images)])
         return References(joined, both, transparency, len(images), ignored)
 
+    @property
+    def num_guides(self) -> int:
+        return len(self.images) - self.num_context
+
     def taught(self, number: int) -> "References":
         """Return the context views and the share of the guides that teaches in turn `number`.
 
         Shares take every second, third, ... guide, so that each spreads over the scene; all turns together use all.
         """
-        num_guides = len(self.images) - self.num_context
-        shares = -(-num_guides // MAX_GUIDES_AT_ONCE)
+        shares = -(-self.num_guides // MAX_GUIDES_AT_ONCE)
         if shares <= 1:
             return self
         views = [*range(self.num_context), *range(self.num_context + number % shares, len(self.images), shares)]

@@ -63,6 +63,10 @@ class Scene:
         """Number of context views."""
         return self.images.shape[1]
 
+    @property
+    def num_guides(self) -> int:
+        return 0 if self.guides is None else self.guides.count
+
 
 def prepare_scene(views: Views, device: torch.device, guides: Views | None = None) -> Scene:
     """Pack and normalise the cameras, and resample the images to the coding grid.

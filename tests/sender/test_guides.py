@@ -6,12 +6,16 @@ import pytest
 import torch
 
 from fecocodec import decode, encode
+from fecocodec.container import quantise_lambda, read_stream
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
+from fecocodec.grid import LATENTS
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
-from fecocodec.sender.encode import matched_scene
+from fecocodec.sender.detail_steps import search_of
+from fecocodec.sender.encode import matched_scene, write_stages
+from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.sender.references import MAX_GUIDES_AT_ONCE, References
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -66,6 +70,30 @@ def test_guides_are_brightened_or_left_out(shipped_codec: Codec, views: Views) -
     _, scene = matched_scene(shipped_codec, cut_out, guides, said.append)
     assert scene.guides is None
     assert said[0] == "the guides are left out: the coded views are cut-outs and the guides are not."
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("num_coded", "num_guides", "coefficients"), [(4, 0, 1), (4, 1, 1), (4, 2, 4), (3, 3, 1)])
+def test_detail_is_found_with_colours_by_direction_where_enough_guides_judge_it(
+    shipped_codec: Codec, views: Views, num_coded: int, num_guides: int, coefficients: int
+) -> None:
+    guides = views.select(list(range(num_coded, num_coded + num_guides))) if num_guides else None
+    scene = prepare_scene(views.select(list(range(num_coded))), shipped_codec.device, guides)
+    encoder, lambda_q = SceneEncoder.of(shipped_codec, scene), quantise_lambda(1e-4)
+    search = search_of(encoder, write_stages(encoder, lambda_q, 2, FAST)[-1], lambda_q)
+    planes = len(shipped_codec.receiver.detail_basis.basis)
+    values = torch.zeros(num_coded, planes, SIZE[0] // LATENTS, SIZE[1] // LATENTS)
+    assert search.gaussians(values).harmonics.shape[1] == coefficients
+    assert search.as_decoded(values).harmonics.shape[1] == 4
+
+
+def test_bits_go_from_latents_to_detail_where_enough_guides_judge_it(views: Views) -> None:
+    context, guides = views.select([0, 1, 2, 3]), views.select([4, 5])
+    few_steps = DEFAULT.with_steps(1)
+    plain, guided = (read_stream(encode(context, guides=of, effort=few_steps)) for of in (None, guides))
+    assert guided.header.lambda_q == quantise_lambda(2.5e-3)
+    assert plain.header.lambda_q == quantise_lambda(1e-3)
+    assert len(guided.payloads[1]) < len(plain.payloads[1])
 
 
 @torch.no_grad()
