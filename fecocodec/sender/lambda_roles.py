@@ -30,7 +30,7 @@ FULL_DETAIL_LAMBDA_Q = 871  # lambda 3e-4: above it, bits of detail cost more, s
 FINE_LAMBDA_Q = 589  # lambda 1e-4: below it, detail is quantised more finely
 LEAST_LATENT_LAMBDA_Q = 1088  # lambda 7e-4: latents below detail are not coded at a smaller one; detail buys more
 MANY_VIEWS = 4  # from so many on, there is detail at every lambda, at the price of other bits
-# Guides show which detail helps new views. Without them, the same costs 0.2 dB there.
+# Guides show which detail helps new views; without guides, the same two numbers lower quality there.
 LEAST_TAUGHT_LATENT_LAMBDA_Q, PRICE_OF_TAUGHT_DETAIL = 1413, 0.6  # lambda 2.5e-3; of the price of other bits
 RATE_WEIGHT = 2.15  # price of a bit per pixel, in lambdas, at lambda 1e-2
 PRICE_EXPONENT = 0.6  # of lambda below; under 1, because D of the context views gains more per bit than that of others
@@ -65,7 +65,7 @@ def price_of_rate(lambda_q: int) -> float:
 
 
 def price_of_detail(num_views: int, num_guides: int, lambda_q: int) -> float:
-    """Return the price of a bit of detail per pixel, in units of D.
+    """Return the price of a bit of detail per pixel, in units of D: lower where guides show what detail is worth.
 
     At lambda 1e-3 and above, latents of a few views buy more at target views; below 3e-4, both buy the same, and detail
     far more at context views.
