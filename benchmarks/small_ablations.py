@@ -24,14 +24,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import nn
 
-from fecocodec.checkpoint import DEFAULT_MODEL, SENDER_FILE, SHIPPED
+from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SENDER_FILE, SHIPPED
 from fecocodec.config import NO_CONTEXT, NO_FEEDBACK, PAPER, ReceiverConfig, SenderConfig
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.evaluation import RECORDS, Plan, evaluate_to_folder
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table, write_panels
 from fecocodec.evaluation.summary import Average, averages
+from fecocodec.receiver.model import load_receiver
+from fecocodec.sender.codec import load_sender
 from fecocodec.training.batch import BatchShapes
 from fecocodec.training.batch_source import KeptBatches
 from fecocodec.training.configurations import Configuration, RunSettings, configuration_named
@@ -107,9 +110,29 @@ def train_all(arguments: argparse.Namespace, seed: int, variants: Mapping[str, t
         configuration = small_version(*of, arguments)
         sources = sources or open_sources(arguments.photographs, None, configuration)
         trainer = (TrainerOfStart if is_start else Trainer)(settings_of(folder, configuration, seed), sources)
-        started = trainer.start_variant_from(SHIPPED / DEFAULT_MODEL if is_start else start / "model", anew)
+        started = start_variant_from(trainer, SHIPPED / DEFAULT_MODEL if is_start else start / "model", anew)
         kept = kept or draw_scenes(trainer, seed)
         train_variant(trainer, kept, started)
+
+
+def start_variant_from(trainer: Trainer, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Copy the weights of a model's folder that have the same name and shape.
+
+    anew: layers that are not copied, such as "receiver.predictor.head.2". Returns the names of the tensors that keep
+    their initial values. Raises ModelError if the model is missing or damaged.
+    """
+    released, model_id = load_receiver(model / RECEIVER_FILE)
+    trained = load_sender(model / SENDER_FILE, released.config, model_id)
+    tensors = trainer.networks.state_dict()
+    known = nn.ModuleDict({"receiver": released, "sender": trained}).state_dict()
+    fitting = {
+        name: value
+        for name, value in known.items()
+        if name in tensors and value.shape == tensors[name].shape and not name.startswith(tuple(f"{a}." for a in anew))
+    }
+    trainer.networks.load_state_dict(tensors | fitting)
+    trainer.begin_average()
+    return tuple(name for name in tensors if name not in fitting)
 
 
 class TrainerOfStart(Trainer):
@@ -183,7 +206,7 @@ def draw_scenes(trainer: Trainer, seed: int) -> KeptBatches:
 
 def train_variant(trainer: Trainer, kept: KeptBatches, anew: tuple[str, ...]) -> None:
     """Train a variant to its last step and export it. anew: tensors that start anew, to be printed."""
-    trainer.take_batches_from(kept)
+    trainer.batches.kept = kept
     folder = trainer.settings.folder.parent
     if trainer.checkpoint.exists():
         trainer.resume(trainer.checkpoint)

@@ -50,29 +50,6 @@ def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
         adopt_codec(sender, trained)
 
 
-def load_fitting_weights(
-    sender: Sender, receiver: Receiver, model: Path, anew: tuple[str, ...] = ()
-) -> tuple[str, ...]:
-    """Copy the weights of a model's folder that have the same name and shape, to start a variant of this model.
-
-    anew: layers that are not copied, such as "receiver.predictor.head.2". Returns the names of the tensors that keep
-    their initial values. Raises ModelError if the model is missing or damaged.
-    """
-    released, model_id = load_receiver(model / RECEIVER_FILE)
-    trained = load_sender(model / SENDER_FILE, released.config, model_id)
-    names: list[str] = []
-    for part, network, source in (("receiver", receiver, released), ("sender", sender, trained)):
-        known, tensors = source.state_dict(), network.state_dict()
-        for name, tensor in tensors.items():
-            is_anew = any(f"{part}.{name}".startswith(f"{layer}.") for layer in anew)
-            if name in known and known[name].shape == tensor.shape and not is_anew:
-                tensors[name] = known[name]
-            else:
-                names.append(f"{part}.{name}")
-        network.load_state_dict(tensors)
-    return tuple(names)
-
-
 def load_extractor(sender: Sender, source: Path) -> LoadReport:
     """Load the extractor alone from a model's folder or from a public checkpoint, frozen ones from the latter only.
 

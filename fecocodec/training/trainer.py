@@ -19,11 +19,11 @@ from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.training.batch import Batch, Extracted
-from fecocodec.training.batch_source import BatchSource, KeptBatches
+from fecocodec.training.batch_source import BatchSource
 from fecocodec.training.configurations import RunSettings
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.loss import loss_of
-from fecocodec.training.model_weights import freeze, load_extractor, load_fitting_weights, load_model_weights
+from fecocodec.training.model_weights import freeze, load_extractor, load_model_weights
 from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
 from fecocodec.training.processes import gather_states, is_first, process_rank, seeded_generator
 from fecocodec.training.run_files import append_lines, load_checkpoint, remove_rows_after, save_checkpoint
@@ -64,7 +64,7 @@ class Trainer:
         self.generator = seeded_generator(settings.seed)  # from here on each process has its own noise
         self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
         self.extractor = ""  # fingerprint of the frozen extractor of the run that is resumed
-        self._batches = BatchSource(sources, settings, self.generator)
+        self.batches = BatchSource(sources, settings, self.generator)
 
     @property
     def checkpoint(self) -> Path:
@@ -80,12 +80,6 @@ class Trainer:
         """Load the weights of a model's folder, except an extractor of another kind; see `load_model_weights`."""
         load_model_weights(self.sender, self.receiver, model)
         self.begin_average()
-
-    def start_variant_from(self, model: Path, anew: tuple[str, ...] = ()) -> tuple[str, ...]:
-        """Load those weights of a model's folder that fit, and return the others; see `load_fitting_weights`."""
-        missing = load_fitting_weights(self.sender, self.receiver, model, anew)
-        self.begin_average()
-        return missing
 
     def start_extractor_from(self, source: Path) -> LoadReport:
         """Load the extractor, see `load_extractor`. Also refuses another frozen one than the resumed run's."""
@@ -173,11 +167,7 @@ class Trainer:
     def draw_batch(self) -> tuple[Batch, Extracted | None]:
         """Return the batch of the present step, and its kept features if there are any."""
         is_fused = "extractor" in self.settings.configuration.frozen
-        return self._batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver, is_fused))
-
-    def take_batches_from(self, kept: KeptBatches) -> None:
-        """Train on these kept batches, for example those of another run."""
-        self._batches.kept = kept
+        return self.batches.at(self.step, self.seed, partial(extract, self.sender, self.receiver, is_fused))
 
     def _loss(self, batch: Batch, extracted: Extracted | None) -> tuple[Tensor, dict[str, float]]:
         """Run the stages and return the loss and its parts."""

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import fecocodec
+from benchmarks.small_ablations import start_variant_from
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
 from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import InputError, ModelError
@@ -126,7 +127,7 @@ def test_a_variant_takes_the_weights_that_fit(sources: Sources, random_weights: 
     variant = Trainer(replace(it.settings, configuration=replace(it.settings.configuration, receiver=paper)), sources)
     before = copied(variant.networks)
     it.start_from(random_weights / MODEL)
-    started = variant.start_variant_from(random_weights / MODEL, ("receiver.predictor.depth_head",))
+    started = start_variant_from(variant, random_weights / MODEL, ("receiver.predictor.depth_head",))
     layers = ("receiver.predictor.depth_head", "receiver.predictor.head.2")
     assert set(started) == {"sender.feedback.input.weight", *(f"{layer}.{part}" for layer in layers for part in (
         "weight", "bias",
