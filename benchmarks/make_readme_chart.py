@@ -15,10 +15,10 @@ from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.evaluation.evaluation import RECORDS, choose_entries, weights_label
 from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import RecordFile
-from fecocodec.evaluation.report.rate_section import comparison_table, curves_of, equal_bytes_table
+from fecocodec.evaluation.report.rate_section import curves_of, equal_bytes_table
 from fecocodec.evaluation.report.section import Chart, ReportPlan, write_png
 from fecocodec.evaluation.run import measure_all
-from fecocodec.evaluation.summary import as_tsv, averages
+from fecocodec.evaluation.summary import as_tsv, averages, compare
 from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.sender.codec import load_codec
 
@@ -56,7 +56,7 @@ def main() -> None:
     )
     write_png(chart, plan.output / ("rate_distortion.png" if is_of_pairs else f"report/{arguments.views}_views.png"))
     print(equal_bytes_table(found, [row.system for row in rows]))
-    print(comparison_table(rows))
+    print(as_tsv(compare(rows)))
     print(as_tsv(rows))
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from fecocodec.evaluation.bd_rate import SIZES_KIB, Gain, gain_at
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, number, picture, table
-from fecocodec.evaluation.summary import NO_LPIPS, OURS, Average, Comparison, averages, compare
+from fecocodec.evaluation.summary import NO_LPIPS, OURS, Average, averages
 from fecocodec.evaluation.systems.codec import ABLATION_NAMES, BEST, FAST
 from fecocodec.evaluation.systems.trivial_baselines import NEAREST
 
@@ -39,7 +39,6 @@ omits the optimisation of the latents. Parts that need retraining are in [what_w
 EQUAL_BYTES_TEXT = """\
 PSNR of target views at equal bytes, ours minus that of each baseline, in dB, with 95% intervals by bootstrap over
 scenes. Our files have the given size on average; each pair is compared at the size of its own file."""
-HEADS = ("BD-rate, %", "BD-rate by ST-LPIPS, %")
 
 
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
@@ -84,24 +83,6 @@ def curves_of(rows: Sequence[Average]) -> tuple[Series, ...]:
         level = [Mark(rate, own[0].psnr, own[0].setting) for rate in (min(rates), max(rates))]
         series.append(Series(name, tuple(marks or level)))
     return tuple(series)
-
-
-def comparison_table(rows: Sequence[Average], *variants: str) -> str:
-    """Return a table of the BD-rates of our codec and of its variants against the other systems."""
-    figures = {ours: {c.baseline: c for c in compare(rows, ours)} for ours in (OURS, *variants)}
-    heads = [f"{ours}: {figure}" for ours in figures for figure in HEADS]
-    lines = []
-    for baseline in dict.fromkeys(name for found in figures.values() for name in found if name not in variants):
-        against = [found.get(baseline) for found in figures.values()]
-        lines.append((baseline, *(cell for found in against for cell in _comparison_cells(found))))
-    return table(("against", *heads), lines)
-
-
-def _comparison_cells(found: Comparison | None) -> tuple[str, ...]:
-    """Return the cells under `HEADS`; empty where a variant is compared with itself."""
-    if found is None:
-        return ("",) * len(HEADS)
-    return number(found.bd_rate, 1), number(found.bd_rate_st_lpips, 1)
 
 
 def equal_bytes_table(found: Sequence[Measurement], systems: Sequence[str], *variants: str) -> str:
