@@ -118,7 +118,8 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
     require_packages(plan.groups)
     external = () if plan.external is None else read_external(plan.external)
     entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
-    entries = entries if plan.shard is None else shard_of(entries, *plan.shard)
+    if plan.shard is not None:
+        entries = entries[plan.shard[0] - 1 :: plan.shard[1]]
     read = open_scenes(plan.root, plan.size)
     codec = load_codec(plan.model, plan.device)
     lambdas = lambdas_in_range(codec, plan.lambdas)
@@ -138,13 +139,6 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
         write_tables(plan.output, found, report)
         _write_paper_tables(plan.output, codec, rows, external)
     return report
-
-
-def shard_of(entries: Sequence[IndexEntry], number: int, count: int) -> tuple[IndexEntry, ...]:
-    """Return every `count`-th entry, from `number` (1 to `count`) on. Raises InputError for another number."""
-    if not 1 <= number <= count:
-        raise InputError(f"shard {number}/{count}: give a number from 1 to {count}.")
-    return tuple(entries[number - 1 :: count])
 
 
 def _records(plan: Plan) -> RecordFile:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import InputError
-from fecocodec.evaluation.evaluation import COMPLEXITY_TABLE, Plan, evaluate_to_folder, shard_of
+from fecocodec.evaluation.evaluation import COMPLEXITY_TABLE, Plan, evaluate_to_folder
 from fecocodec.evaluation.paper_tables import PUBLISHED, ExternalRow, complexity_table, quality_charts, read_external
 from fecocodec.evaluation.summary import averages, compare
 from fecocodec.evaluation.systems.groups import LAMBDAS, lambdas_in_range
@@ -73,14 +72,6 @@ def test_other_systems_have_the_papers_numbers_unless_a_file_has_others(
     assert lines[8] == "| ELIC -> DepthSplat (Base) | 26.45 | 144.81 |  |  |  | published |"
     assert lines[10] == "| DepthSplat-Small, features | 32.81 |  |  |  |  | counted |"
     assert lines[-1].endswith("| 3.46 | 1.000 | 0.100 |  | measured |")
-
-
-def test_every_entry_is_in_one_shard() -> None:
-    entries = [IndexEntry(f"{n}", f"{n}", (0,), (1,)) for n in range(7)]
-    shards = [shard_of(entries, number, 3) for number in (1, 2, 3)]
-    assert sorted(entry.name for shard in shards for entry in shard) == [entry.name for entry in entries]
-    with pytest.raises(InputError, match="shard 4/3: give a number from 1 to 3"):
-        shard_of(entries, 4, 3)
 
 
 def test_shards_are_merged_by_the_same_plan_without_one(tmp_path: Path, random_weights: Path) -> None:
