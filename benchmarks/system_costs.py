@@ -22,8 +22,8 @@ from fecocodec.captures.scene_folder import read_views
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED, model_id_of
 from fecocodec.config import PAPER_RECEIVER, PAPER_SENDER
 from fecocodec.evaluation.machine import describe_machine, peak_mib
-from fecocodec.evaluation.paper_tables import ExternalRow, cost_line, cost_table, costs_of, others, params_of_ends
-from fecocodec.evaluation.summary import OURS
+from fecocodec.evaluation.paper_tables import cost_line, cost_table, costs_of, others, params_of_ends
+from fecocodec.evaluation.summary import OURS, ExternalRow
 from fecocodec.evaluation.systems.codec import FAST
 from fecocodec.evaluation.systems.groups import systems_of
 from fecocodec.layers.memory_format import to_channels_last

@@ -20,11 +20,11 @@ from fecocodec.errors import InputError, ModelError
 from fecocodec.evaluation.extras import require_extra, require_packages
 from fecocodec.evaluation.machine import describe_machine
 from fecocodec.evaluation.novel_views import open_scenes
-from fecocodec.evaluation.paper_tables import ExternalRow, complexity_table, quality_charts, read_external
+from fecocodec.evaluation.paper_tables import complexity_table, quality_charts, read_external
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.section import write_png
 from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
-from fecocodec.evaluation.summary import OURS, Average, Comparison, as_tsv, averages, compare
+from fecocodec.evaluation.summary import OURS, Average, Comparison, ExternalRow, as_tsv, averages, compare
 from fecocodec.evaluation.systems.groups import lambdas_in_range, systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views

@@ -6,41 +6,17 @@ Results of other systems are those that the paper prints, or come from a CSV fil
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table
-from fecocodec.evaluation.summary import OURS, Average
+from fecocodec.evaluation.summary import OURS, Average, ExternalRow
 from fecocodec.input_file import require_regular_file
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.parameters import PUBLISHED as PUBLISHED_PARAMETERS
 from fecocodec.sender.parameters import RECEIVER_SUM, SENDER_SUM, count_parameters, parameter_table
-
-
-@dataclass(frozen=True)
-class ExternalRow:
-    """One operating point of another system. Only the name is required; None: not measured.
-
-    kib: size of a scene. psnr in dB. sender_params, receiver_params: in millions. encode_seconds, decode_seconds: per
-    scene. peak_gib: peak memory in GiB.
-    """
-
-    system: str
-    setting: str = ""
-    kib: float | None = None
-    psnr: float | None = None
-    ssim: float | None = None
-    st_lpips: float | None = None
-    lpips: float | None = None
-    lpips_alex: float | None = None
-    sender_params: float | None = None
-    receiver_params: float | None = None
-    encode_seconds: float | None = None
-    decode_seconds: float | None = None
-    peak_gib: float | None = None
-
 
 COLUMNS = tuple(field.name for field in fields(ExternalRow))
 _TEXTS = ("system", "setting")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from fecocodec.evaluation.bd_rate import bd_psnr, bd_rate
 from fecocodec.evaluation.records import Measurement
@@ -39,20 +39,30 @@ class Average:
     peak_mib: float | None
 
 
-@runtime_checkable
-class RatedPoint(Protocol):
-    """A point of a rate-distortion curve: an `Average`, or a row measured elsewhere. None: not available."""
+@dataclass(frozen=True)
+class ExternalRow:
+    """One operating point of another system. Only the name is required; None: not measured.
 
-    @property
-    def system(self) -> str: ...
-    @property
-    def setting(self) -> str: ...
-    @property
-    def kib(self) -> float | None: ...
-    @property
-    def psnr(self) -> float | None: ...
-    @property
-    def st_lpips(self) -> float | None: ...
+    kib: size of a scene. psnr in dB. sender_params, receiver_params: in millions. encode_seconds, decode_seconds: per
+    scene. peak_gib: peak memory in GiB.
+    """
+
+    system: str
+    setting: str = ""
+    kib: float | None = None
+    psnr: float | None = None
+    ssim: float | None = None
+    st_lpips: float | None = None
+    lpips: float | None = None
+    lpips_alex: float | None = None
+    sender_params: float | None = None
+    receiver_params: float | None = None
+    encode_seconds: float | None = None
+    decode_seconds: float | None = None
+    peak_gib: float | None = None
+
+
+RatedPoint = Average | ExternalRow  # of a rate-distortion curve
 
 
 @dataclass(frozen=True)
@@ -81,7 +91,7 @@ def averages(measurements: Sequence[Measurement]) -> tuple[Average, ...]:
     return tuple(_average([by_entry[entry] for entry in sorted(common)]) for by_entry in points.values() if common)
 
 
-def compare(rows: Sequence[RatedPoint], ours: str = OURS) -> tuple[Comparison, ...]:
+def compare(rows: Sequence[RatedPoint]) -> tuple[Comparison, ...]:
     """Compare our curve with that of every other system that has at least two settings.
 
     Variants of one codec are compared at their common settings (values of lambda), because interpolation through
@@ -91,10 +101,10 @@ def compare(rows: Sequence[RatedPoint], ours: str = OURS) -> tuple[Comparison, .
     for row in rows:
         if row.kib and row.psnr is not None:
             curves.setdefault(row.system, {})[row.setting] = row
-    if ours not in curves:
+    if OURS not in curves:
         return ()
-    others = [name for name, curve in curves.items() if name != ours and len(curve) > 1]
-    return tuple(_comparison(name, curves[name], curves[ours]) for name in others)
+    others = [name for name, curve in curves.items() if name != OURS and len(curve) > 1]
+    return tuple(_comparison(name, curves[name], curves[OURS]) for name in others)
 
 
 def _comparison(name: str, theirs: Mapping[str, RatedPoint], ours: Mapping[str, RatedPoint]) -> Comparison:

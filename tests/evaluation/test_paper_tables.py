@@ -8,8 +8,8 @@ import pytest
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.evaluation import COMPLEXITY_TABLE, Plan, evaluate_to_folder
-from fecocodec.evaluation.paper_tables import PUBLISHED, ExternalRow, complexity_table, quality_charts, read_external
-from fecocodec.evaluation.summary import averages, compare
+from fecocodec.evaluation.paper_tables import PUBLISHED, complexity_table, quality_charts, read_external
+from fecocodec.evaluation.summary import ExternalRow, averages, compare
 from fecocodec.evaluation.systems.groups import LAMBDAS, lambdas_in_range
 from fecocodec.sender.codec import Codec
 from tests.chunk_files import write_wall_chunks
