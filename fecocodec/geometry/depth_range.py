@@ -38,12 +38,8 @@ _ESTIMATE_MARGIN = 1.3  # widens the estimate further, because surfaces visible 
 
 @dataclass(frozen=True)
 class AgreedDepths:
-    """Depths of the first view of a pair where both views are consistent, in scene units; share: of its pixels.
+    """Depths of the first view of a pair where both views are consistent, in scene units; share: of its pixels."""
 
-    pair: indices of the views; empty if all cameras are at one position.
-    """
-
-    pair: list[int]
     depths: Float[Tensor, " n"]
     share: float
 
@@ -113,17 +109,11 @@ def agreed_depths(views: Views) -> AgreedDepths:
     """
     baselines = facing_baselines(views.cameras)
     if not bool(baselines.isfinite().any()):
-        return AgreedDepths([], torch.zeros(0), 0.0)
+        return AgreedDepths(torch.zeros(0), 0.0)
     pair = list(divmod(int(baselines.argmin()), len(baselines)))
     grey = _small_grey(views.images[pair])
     depths = _consistent_depths(grey, views.cameras.select(pair))
-    return AgreedDepths(pair, depths, len(depths) / grey[0].numel())
-
-
-def _distances(cameras: Cameras) -> Float[Tensor, "view view"]:
-    centres = cameras.extrinsics[:, :3, 3].double()
-    distances: Tensor = torch.linalg.vector_norm(centres[:, None] - centres, dim=-1)
-    return distances
+    return AgreedDepths(depths, len(depths) / grey[0].numel())
 
 
 def facing_baselines(cameras: Cameras) -> Float[Tensor, "view view"]:
@@ -131,7 +121,8 @@ def facing_baselines(cameras: Cameras) -> Float[Tensor, "view view"]:
 
     It is infinite for cameras at one position, too. If no two look the same way, all others count.
     """
-    distances, forward = _distances(cameras), cameras.extrinsics[:, :3, 2]
+    centres, forward = cameras.extrinsics[:, :3, 3].double(), cameras.extrinsics[:, :3, 2]
+    distances: Tensor = torch.linalg.vector_norm(centres[:, None] - centres, dim=-1)
     is_apart = distances > 1e-4 * distances.max()
     is_facing = is_apart & (forward @ forward.T > 0.5)
     return torch.where(is_facing if bool(is_facing.any()) else is_apart, distances, torch.inf)
