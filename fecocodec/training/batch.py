@@ -1,5 +1,6 @@
 """Batches of scenes: their shapes at about equal cost, and what one training pass computes for them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -105,12 +106,15 @@ class Batch:
         """Number of pixels of the context views of a scene."""
         return self.num_context * self.images.shape[-1] * self.images.shape[-2]
 
+    def mapped(self, change: Callable[[Tensor], Tensor]) -> "Batch":
+        """Return the batch with all its tensors changed."""
+        cameras = Cameras(*map(change, self.cameras.fields()))
+        images, depth, lambda_q = map(change, (self.images, self.depth, self.lambda_q))
+        return replace(self, images=images, cameras=cameras, depth=depth, lambda_q=lambda_q)
+
     def to(self, device: str) -> "Batch":
-        """Return the batch on a device."""
-        images, depth, lambda_q = (
-            tensor.to(device, non_blocking=True) for tensor in (self.images, self.depth, self.lambda_q)
-        )
-        return replace(self, images=images, cameras=self.cameras.to(device), depth=depth, lambda_q=lambda_q)
+        """Return the batch on a device, copied there without blocking if it is in pinned memory."""
+        return self.mapped(lambda tensor: tensor.to(device, non_blocking=True))
 
 
 @dataclass(frozen=True)

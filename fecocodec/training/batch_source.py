@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
+from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from fecocodec.errors import FecoError, InputError
-from fecocodec.geometry.cameras import Cameras
 from fecocodec.training.batch import Batch, BatchShape, Extracted
 from fecocodec.training.configurations import Configuration, RunSettings
 from fecocodec.training.processes import num_processes, process_rank
@@ -115,23 +115,11 @@ def batches_from(dataset: BatchesByStep, first_step: int, num_workers: int, devi
         sampler=range(first_step, dataset.configuration.schedule.num_steps),
         num_workers=num_workers,
         prefetch_factor=PREFETCHED,
-        collate_fn=_unchanged,
     )
     for batch in loader:
         if isinstance(batch, str):
             raise InputError(batch)
-        yield batch if device == "cpu" else pinned(batch)
-
-
-def pinned(batch: Batch) -> Batch:
-    """Return a batch in pinned memory, from which copies to a CUDA device do not block."""
-    cameras = Cameras(*(field.pin_memory() for field in batch.cameras.fields()))
-    images, depth, lambda_q = (tensor.pin_memory() for tensor in (batch.images, batch.depth, batch.lambda_q))
-    return replace(batch, images=images, cameras=cameras, depth=depth, lambda_q=lambda_q)
-
-
-def _unchanged(batch: Any) -> Any:
-    return batch
+        yield batch if device == "cpu" else batch.mapped(Tensor.pin_memory)
 
 
 class BatchSource:
