@@ -1,6 +1,5 @@
 """What both batch commands share: which scenes are processed and where, progress, and the report at the end."""
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fecocodec.batch.scenes import BatchScene, shard_of
+from fecocodec.limits import num_cores
 
 from .options import FILE_PATH, json_option, num_threads, parse_shard
 from .output import Verbosity, in_options, print_json, printable, say, verbosity, warn
@@ -101,13 +101,8 @@ def engine_of(options: BatchOptions) -> "Iterator[Engine]":
             yield engine
         return
     of_each = num_threads(1)
-    with cluster.local_cluster(options.num_workers or max(1, _num_cores() // of_each), of_each) as engine:
+    with cluster.local_cluster(options.num_workers or max(1, num_cores() // of_each), of_each) as engine:
         yield engine
-
-
-def _num_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_and_report(scenes: Sequence[BatchScene], work: "Work", options: BatchOptions) -> int:

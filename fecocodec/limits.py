@@ -1,6 +1,7 @@
-"""Limits of the codec: numbers of views and stages, image sides, depths."""
+"""Limits of the codec: numbers of views and stages, image sides, depths; and cores of the machine."""
 
 import math
+import os
 from collections.abc import Sequence
 
 from fecocodec.errors import InputError
@@ -52,3 +53,8 @@ def check_sizes(sizes: Sequence[tuple[int, int]]) -> None:
                 f"A training image side of {side} pixels cannot be used; "
                 f"choose a multiple of {HYPERLATENTS} from {MIN_SIDE} to {MAX_SIDE}."
             )
+
+
+def num_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

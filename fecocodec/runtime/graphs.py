@@ -7,7 +7,6 @@ command line sets ORT_DISABLE_TELEMETRY before, and programs should do so too (d
 """
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -20,6 +19,7 @@ import onnxruntime
 from jaxtyping import Shaped, UInt8
 
 from fecocodec.errors import ModelError
+from fecocodec.limits import num_cores
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes, receiver_kind
 
 Item = TypeVar("Item")
@@ -36,7 +36,7 @@ class Graphs:
         """weights: content of the receiver's weights file, to which the graphs refer. num_threads: 0 for all cores."""
         self._weights, self._folder, self._model_id = weights, folder, model_id.hex()
         self.kind = receiver_kind(weights)
-        self.num_threads = num_threads or _num_cores()
+        self.num_threads = num_threads or num_cores()
         self._sessions: dict[str, onnxruntime.InferenceSession] = {}
         self._loading = Lock()
         self._of_one_thread = self
@@ -105,11 +105,6 @@ class Graphs:
                 f"`python -m fecocodec.training.graphs {self._folder.parent}`."
             )
         return session
-
-
-def _num_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @lru_cache(maxsize=2)

@@ -207,7 +207,7 @@ def test_workers_share_the_cores(
         raise StartedError
 
     monkeypatch.setattr(cluster, "local_cluster", start)
-    monkeypatch.setattr(batch_options, "_num_cores", lambda: 4)
+    monkeypatch.setattr(batch_options, "num_cores", lambda: 4)
     monkeypatch.setenv("OMP_NUM_THREADS", threads)
     options = batch_options.BatchOptions(tmp_path, None, given, None, False, False, False)
     with pytest.raises(StartedError), batch_options.engine_of(options):
