@@ -19,7 +19,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import write_stages
 from fecocodec.sender.lambda_roles import stage_lambdas
-from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
+from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.training.configurations import Configuration, configuration_named
@@ -48,24 +48,18 @@ class SceneLatents:
 
 
 def train_entropy_model(
-    codec: Codec,
-    sources: Sources,
-    configuration: Configuration = ENTROPY,
-    seed: int = 0,
-    num_scenes: int = 400,
-    optimisation: OptimisationConfig = DEFAULT,
+    codec: Codec, sources: Sources, configuration: Configuration = ENTROPY, seed: int = 0, num_scenes: int = 400
 ) -> Iterator[dict[str, float]]:
     """Train the prior and h_a of a codec, in place.
 
     configuration: of the steps, the optimiser and the scenes. num_scenes: per process; their latents are kept in
-    memory, about 1.6 MB per pair of 256x256 pixels. optimisation: of the latents, as in encoding. Yields what
-    `train_alone` does, with the bits per context pixel of each stage. Raises InputError for a codec of the paper's
-    method.
+    memory, about 1.6 MB per pair of 256x256 pixels. Yields what `train_alone` does, with the bits per context pixel of
+    each stage. Raises InputError for a codec of the paper's method.
     """
     if not codec.receiver.config.kind.has_steps:
         raise InputError("This model has the paper's method, which trains all networks together; train it as a whole.")
     generator = seeded_generator(seed)
-    scenes = draw_latents(codec, sources, configuration, generator, num_scenes, optimisation)
+    scenes = draw_latents(codec, sources, configuration, generator, num_scenes)
     order = random.Random(generator.initial_seed())
 
     def add_gradients() -> dict[str, float]:
@@ -78,12 +72,7 @@ def train_entropy_model(
 
 
 def draw_latents(
-    codec: Codec,
-    sources: Sources,
-    configuration: Configuration,
-    generator: torch.Generator,
-    num_scenes: int,
-    optimisation: OptimisationConfig = DEFAULT,
+    codec: Codec, sources: Sources, configuration: Configuration, generator: torch.Generator, num_scenes: int
 ) -> list[SceneLatents]:
     """Return latents of scenes drawn from the sources, each coded at `LAMBDAS_OF_A_SCENE` log-uniform values of lambda.
 
@@ -97,25 +86,19 @@ def draw_latents(
         drawn = torch.randint(lowest, highest + 1, (LAMBDAS_OF_A_SCENE,), generator=generator)
         context = sample.views.select(list(range(sample.num_context)))
         num_alone = 1 if number % configuration.alone_every == 0 else 0
-        found += latents_of(codec, context, drawn.tolist(), num_alone, optimisation)
+        found += latents_of(codec, context, drawn.tolist(), num_alone)
     return found
 
 
 @torch.no_grad()
-def latents_of(
-    codec: Codec,
-    views: Views,
-    lambdas_q: Sequence[int],
-    num_alone: int = 0,
-    optimisation: OptimisationConfig = DEFAULT,
-) -> list[SceneLatents]:
+def latents_of(codec: Codec, views: Views, lambdas_q: Sequence[int], num_alone: int = 0) -> list[SceneLatents]:
     """Return the latents that the sender codes for these views; a single stage at the last `num_alone` lambdas."""
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder.of(codec, scene)
     found = []
     for position, lambda_q in enumerate(lambdas_q):
         num_stages = 2 if position < len(lambdas_q) - num_alone else 1
-        stages = write_stages(encoder, lambda_q, num_stages, optimisation)
+        stages = write_stages(encoder, lambda_q, num_stages, DEFAULT)
         y1_hat = stages[0].coded.y_hat if num_stages == 2 else None
         found.append(SceneLatents(lambda_q, tuple(stage.y for stage in stages), y1_hat))
     return found

@@ -10,7 +10,7 @@ from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.fading import LEAST_VIEWS, fader
 from fecocodec.sender.model import Sender
-from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig
+from fecocodec.sender.optimisation_config import DEFAULT
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Improvements, estimate_bits
 from fecocodec.training.batch import Batch
@@ -30,11 +30,7 @@ LOG_EVERY = 25  # steps of the optimiser
 
 
 def train_step_network(
-    codec: Codec,
-    sources: Sources,
-    configuration: Configuration = STEPS,
-    seed: int = 0,
-    optimisation: OptimisationConfig = DEFAULT,
+    codec: Codec, sources: Sources, configuration: Configuration = STEPS, seed: int = 0
 ) -> Iterator[dict[str, float]]:
     """Train the step network of a codec, in place.
 
@@ -46,7 +42,7 @@ def train_step_network(
     if network is None:
         raise InputError("This model has no network that proposes steps; train one with the configuration compact.")
     generator = seeded_generator(seed)
-    learner = StepLearner(network, optimisation, generator, configuration.perceptual_weight)
+    learner = StepLearner(network, DEFAULT, generator, configuration.perceptual_weight)
 
     def add_gradients() -> dict[str, float]:
         return learn_from_scene(codec, _draw(codec, sources, configuration, generator), learner)

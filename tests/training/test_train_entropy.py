@@ -27,6 +27,11 @@ SOURCES = synthetic_sources()
 SHORT = replace(ENTROPY, shapes=SHAPES, schedule=replace(ENTROPY.schedule, num_steps=15, learning_rate=1.6e-2))
 
 
+@pytest.fixture(autouse=True)
+def fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fecocodec.training.train_entropy.DEFAULT", FAST)
+
+
 @pytest.fixture(scope="module")
 def untrained(tmp_path_factory: pytest.TempPathFactory) -> Codec:
     """Networks as training starts with them: a block transform, whose prior has learnt nothing."""
@@ -57,9 +62,9 @@ def bytes_of(codec: Codec, scenes: list[SceneLatents]) -> int:
 
 def test_bytes_fall_on_other_scenes_and_the_other_networks_stay(untrained: Codec, tmp_path: Path) -> None:
     codec = deepcopy(untrained)
-    others = draw_latents(codec, SOURCES, SHORT, generator(), 2, FAST)
+    others = draw_latents(codec, SOURCES, SHORT, generator(), 2)
     before = bytes_of(codec, others)
-    rows = list(train_entropy_model(codec, SOURCES, SHORT, seed=1, num_scenes=2, optimisation=FAST))
+    rows = list(train_entropy_model(codec, SOURCES, SHORT, seed=1, num_scenes=2))
     assert [(row["step"], row["skipped"]) for row in rows] == [(15.0, 0.0)]
     assert rows[0]["bpp1"] > 0 and rows[0]["bpp2"] > 0
     assert bytes_of(codec, others) < 0.9 * before
@@ -75,7 +80,7 @@ def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> No
     views = SOURCES.synthetic.sample(
         torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
     ).views.select([0, 1])
-    fine, coarse, alone = latents_of(untrained, views, (200, 1700, 200), num_alone=1, optimisation=FAST)
+    fine, coarse, alone = latents_of(untrained, views, (200, 1700, 200), num_alone=1)
     assert fine.y[0].shape == fine.y[1].shape == fine.y1_hat.shape == (2, 32, 8, 8)
     assert float(fine.y[0].std()) > 3 * float(coarse.y[0].std())  # finer steps at lower lambda
     assert not fine.y[0].requires_grad
@@ -85,9 +90,9 @@ def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> No
 
 def test_latents_that_are_drawn(untrained: Codec) -> None:
     assert ENTROPY.alone_every == 8
-    scenes = draw_latents(untrained, SOURCES, replace(SHORT, alone_every=2), generator(), 2, FAST)
+    scenes = draw_latents(untrained, SOURCES, replace(SHORT, alone_every=2), generator(), 2)
     assert [len(scene.y) for scene in scenes] == [2, 2, 2, 1]
-    first, again = (draw_latents(untrained, SOURCES, SHORT, generator(), 1, FAST) for _ in range(2))
+    first, again = (draw_latents(untrained, SOURCES, SHORT, generator(), 1) for _ in range(2))
     assert all(torch.equal(a.y[0], b.y[0]) and a.lambda_q == b.lambda_q for a, b in zip(first, again, strict=True))
 
 

@@ -32,7 +32,11 @@ from tests.training.tiny_runs import changed, copied, synthetic_sources
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-TWO_STEPS = OptimisationConfig(num_steps=2, extra_step_below=(), distortion=MseDistortion())
+
+@pytest.fixture(autouse=True)
+def two_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = OptimisationConfig(num_steps=2, extra_step_below=(), distortion=MseDistortion())
+    monkeypatch.setattr("fecocodec.training.train_steps.DEFAULT", config)
 
 
 class OneScene:
@@ -61,7 +65,7 @@ def short(num_steps: int, views: int = 2, perceptual_weight: float = 0.0) -> Con
 
 
 def trained(codec: Codec, configuration: Configuration) -> list[dict[str, float]]:
-    return list(train_step_network(codec, Sources(OneScene(), None), configuration, optimisation=TWO_STEPS))
+    return list(train_step_network(codec, Sources(OneScene(), None), configuration))
 
 
 def test_the_network_changes_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.ablations import without
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.encode import encode_with, write_scene
-from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import config_of_effort
 from fecocodec.sender.precision import run_in_bfloat16
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -160,19 +160,16 @@ ABLATIONS = (STAGE_1, *WITHOUT)
 ABLATION_NAMES = ("stage 1 alone", *WITHOUT.values())
 
 
-def ablation_system(part: str, codec: Codec, lmbda: float, config: OptimisationConfig = DEFAULT) -> System:
-    """Return the codec without stage 2 ("stage-1"), or without a part of it (a key of `WITHOUT`).
-
-    config: of the latent optimisation.
-    """
-    lambda_q, setting = quantise_lambda(lmbda), f"lambda {lmbda:g}"
+def ablation_system(part: str, codec: Codec, lmbda: float) -> System:
+    """Return the codec without stage 2 ("stage-1"), or without a part of it (a key of `WITHOUT`)."""
     if part == STAGE_1:
-        encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=1, config=config)
-        return stream_system(codec, ABLATION_NAMES[0], setting, encoder)
-    return stream_system(codec, WITHOUT[part], setting, partial(_encode, codec, part, lambda_q, config))
+        return codec_system(codec, lmbda, num_stages=1)
+    encoder = partial(_encode, codec, part, quantise_lambda(lmbda))
+    return stream_system(codec, WITHOUT[part], f"lambda {lmbda:g}", encoder)
 
 
 @torch.no_grad()
-def _encode(codec: Codec, part: str, lambda_q: int, config: OptimisationConfig, views: Views) -> bytes:
+def _encode(codec: Codec, part: str, lambda_q: int, views: Views) -> bytes:
     scene = prepare_scene(views, codec.device)
-    return write_scene(without(part, SceneEncoder).of(codec, scene), scene, lambda_q, 2, config)
+    encoder = without(part, SceneEncoder).of(codec, scene)
+    return write_scene(encoder, scene, lambda_q, 2, config_of_effort("default"))
