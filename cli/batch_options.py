@@ -14,7 +14,7 @@ import click
 from fecocodec.batch.scenes import BatchScene, shard_of
 from fecocodec.limits import num_cores
 
-from .options import FILE_PATH, json_option, num_threads, parse_shard
+from .options import FILE_PATH, json_option, num_threads, parse_shard, with_options
 from .output import Verbosity, in_options, print_json, printable, say, verbosity, warn
 from .progress import progress_bar
 
@@ -52,7 +52,7 @@ def batch_options(function: Callable[..., int]) -> Callable[..., int]:
         batch = BatchOptions(**{field.name: values.pop(field.name) for field in fields(BatchOptions)})
         return function(batch=batch, **values)
 
-    options = (
+    return with_options(
         click.option(
             "-o", "--output", required=True, type=FILE_PATH, help="Output folder; an interrupted run is resumed."
         ),
@@ -78,11 +78,7 @@ def batch_options(function: Callable[..., int]) -> Callable[..., int]:
             "--retry-failed", is_flag=True, help="Process scenes again that failed before with the same input."
         ),
         json_option,
-    )
-    command: Callable[..., int] = with_batch
-    for option in reversed(options):
-        command = option(command)
-    return command
+    )(with_batch)
 
 
 @contextmanager

@@ -9,7 +9,15 @@ import click
 from fecocodec.limits import MAX_SH_DEGREE
 from fecocodec.splat_files.output_formats import FORMATS, PLY, RUB, Frame, OutputFormat
 
-from .options import device_option, max_pixels_option, model_option, num_threads, overwrite_option, threads_option
+from .options import (
+    device_option,
+    max_pixels_option,
+    model_option,
+    num_threads,
+    overwrite_option,
+    threads_option,
+    with_options,
+)
 
 if TYPE_CHECKING:
     from fecocodec import Decoded
@@ -20,7 +28,7 @@ def _endings(is_meant: Callable[[OutputFormat], bool]) -> str:
 
 
 _OF_DECODING = ("stages", "has_background", "is_merged", "model", "max_pixels", "device")
-_OPTIONS = (
+_add_options = with_options(
     click.option(
         "--frame",
         type=click.Choice(get_args(Frame)),
@@ -61,6 +69,11 @@ _OPTIONS = (
         default=True,
         help="Fill regions that no photograph shows with blurred Gaussians. Without them these regions are black.",
     ),
+    model_option,
+    max_pixels_option,
+    device_option,
+    threads_option,
+    overwrite_option,
 )
 
 
@@ -81,11 +94,7 @@ def decoding_options(function: Callable[..., int]) -> Callable[..., int]:
         writing = {"frame": values.pop("frame"), "sh_degree": sh_degree, "spz_version": spz_version}
         return function(decoding=decoding, writing=writing, **values)
 
-    command: Callable[..., int] = with_groups
-    shared = (model_option, max_pixels_option, device_option, threads_option, overwrite_option)
-    for decorator in reversed((*_OPTIONS, *shared)):
-        command = decorator(command)
-    return command
+    return _add_options(with_groups)
 
 
 def decode_here(data: bytes, **options: Any) -> "Decoded":

@@ -12,7 +12,6 @@ from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKi
 
 from .options import (
     METADATA,
-    Function,
     device_option,
     lambda_option,
     metadata_options,
@@ -23,12 +22,10 @@ from .options import (
     parse_selection,
     parse_size,
     threads_option,
+    with_options,
 )
 from .output import in_options
 
-_LAMBDA = lambda_option(
-    "Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."
-)
 _DEPTH = click.FloatRange(min=0, min_open=True)
 _ESTIMATED = "the scene, in scene units.  [default: estimated]"
 _POSITIVE = click.FloatRange(min=0.0, min_open=True)
@@ -37,7 +34,18 @@ _TARGETS: dict[str, tuple[Callable[[float], Target], str, str]] = {
     "target_psnr": (AtLeastPsnr, "DB", "the smallest file with at least this PSNR of the decoded views."),
     "target_new_psnr": (AtLeastNewPsnr, "DB", "the smallest file with at least this PSNR of new views, by --checks."),
 }
-_OF_VIEWS = (
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+encoding_options = with_options(
+    lambda_option("Rate-distortion trade-off, 1e-5 to 1e-2. A smaller value gives better quality and a larger file."),
+    *(
+        click.option(_option(name), type=_POSITIVE, metavar=unit, help=f"Choose lambda automatically: {found}")
+        for name, (_, unit, found) in _TARGETS.items()
+    ),
     click.option(
         "--views",
         callback=parse_selection,
@@ -98,18 +106,12 @@ _OF_VIEWS = (
         is_flag=True,
         help="Make every warning an error: the exit code is then 1, and no file is written.",
     ),
+    metadata_options,
+    model_option,
+    device_option,
+    threads_option,
+    overwrite_option,
 )
-
-
-def encoding_options(function: Function) -> Function:
-    """Add the options, from --lambda to --overwrite."""
-    decorators = (
-        _LAMBDA, rate_control_options, *_OF_VIEWS, metadata_options, model_option, device_option, threads_option,
-        overwrite_option,
-    )  # fmt: skip
-    for decorator in reversed(decorators):
-        function = decorator(function)
-    return function
 
 
 def options_of(values: dict[str, Any], **others: Any) -> EncodingOptions:
@@ -132,14 +134,6 @@ def usage_errors() -> Iterator[None]:
         raise click.UsageError(in_options(str(error))) from error
 
 
-def rate_control_options(function: Function) -> Function:
-    """Add --target-kib, --target-psnr and --target-new-psnr."""
-    for name, (_, unit, found) in reversed(_TARGETS.items()):
-        text = f"Choose lambda automatically: {found}"
-        function = click.option(_option(name), type=_POSITIVE, metavar=unit, help=text)(function)
-    return function
-
-
 def _target_of(values: dict[str, float | None]) -> Target | None:
     """Return the target, or None to encode at --lambda. Raises UsageError for options that exclude each other."""
     targets: dict[str, Target] = {name: _TARGETS[name][0](value) for name, value in values.items() if value}
@@ -151,7 +145,3 @@ def _target_of(values: dict[str, float | None]) -> Target | None:
     if context.get_parameter_source("lmbda") is click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("A target chooses lambda; leave out --lambda or the target.")
     return next(iter(targets.values()))
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

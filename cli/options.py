@@ -77,66 +77,15 @@ def parse_shard(value: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def overwrite_option(function: Function) -> Function:
-    """Add --overwrite."""
-    return click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")(function)
+def with_options(*decorators: Callable[[Any], Any]) -> Callable[[Function], Function]:
+    """Return the decorator that adds these options, in the order of `--help`."""
 
+    def decorate(function: Function) -> Function:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
 
-def lambda_option(help_text: str) -> Callable[[Function], Function]:
-    """Return the decorator that adds --lambda, passed as `lmbda`."""
-    return click.option("--lambda", "lmbda", type=float, default=1e-3, metavar="NUMBER", help=help_text)
-
-
-def json_option(function: Function) -> Function:
-    """Add --json, passed as `as_json`."""
-    return click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")(function)
-
-
-def model_option(function: Function) -> Function:
-    """Add --model; None for the shipped model."""
-    return click.option(
-        "--model", type=FILE_PATH, metavar="FOLDER", help="Folder of the model weights.  [default: the shipped model]"
-    )(function)
-
-
-def device_option(function: Function) -> Function:
-    """Add --device. Only the form of the name is checked, see `usable_device`."""
-    return click.option(
-        "--device",
-        default="cpu",
-        metavar="NAME",
-        callback=_parse_device,
-        help="Device that runs the networks: cpu, cuda or cuda:N.",
-    )(function)
-
-
-def max_pixels_option(function: Function) -> Function:
-    """Add --max-pixels, the limit on decoded pixels."""
-    return click.option(
-        "--max-pixels",
-        type=click.IntRange(min=1),
-        default=DEFAULT_MAX_PIXELS,
-        metavar="NUMBER",
-        help="Reject a .fcs file whose views together have more pixels than this. Memory grows in proportion.",
-    )(function)
-
-
-def threads_option(function: Function) -> Function:
-    """Add --threads, which sets environment variables and is not passed to the command."""
-    return click.option(
-        "--threads",
-        type=click.IntRange(1, MAX_THREADS),
-        callback=_limit_threads,
-        expose_value=False,
-        is_eager=True,
-        help="Maximum number of CPU threads.  [default: all cores]",
-    )(function)
-
-
-def num_threads(default: int) -> int:
-    """Return the number of threads that --threads or the environment sets."""
-    value = os.environ.get("OMP_NUM_THREADS", "")
-    return int(value) if value.isdecimal() else default
+    return decorate
 
 
 @parsed
@@ -144,6 +93,14 @@ def _parse_device(value: str) -> str:
     if not re.fullmatch(r"cpu|cuda(:\d{1,2})?", value):
         raise ValueError(f"{value!r} is none of cpu, cuda, cuda:N.")
     return value
+
+
+@parsed
+def _parse_date(value: str) -> str:
+    try:
+        return datetime.date.fromisoformat(value).isoformat()
+    except ValueError as error:
+        raise ValueError(f"{value[:40]!r} is not a date like 2026-05-31.") from error
 
 
 def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None) -> None:
@@ -154,33 +111,60 @@ def _limit_threads(ctx: click.Context, param: click.Parameter, value: int | None
         os.environ[variable] = str(value)
 
 
+def num_threads(default: int) -> int:
+    """Return the number of threads that --threads or the environment sets."""
+    value = os.environ.get("OMP_NUM_THREADS", "")
+    return int(value) if value.isdecimal() else default
+
+
+def lambda_option(help_text: str) -> Callable[[Function], Function]:
+    """Return the decorator that adds --lambda, passed as `lmbda`."""
+    return click.option("--lambda", "lmbda", type=float, default=1e-3, metavar="NUMBER", help=help_text)
+
+
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
+model_option = click.option(
+    "--model", type=FILE_PATH, metavar="FOLDER", help="Folder of the model weights.  [default: the shipped model]"
+)
+device_option = click.option(
+    "--device",
+    default="cpu",
+    metavar="NAME",
+    callback=_parse_device,  # only the form of the name, see `usable_device`
+    help="Device that runs the networks: cpu, cuda or cuda:N.",
+)
+max_pixels_option = click.option(
+    "--max-pixels",
+    type=click.IntRange(min=1),
+    default=DEFAULT_MAX_PIXELS,
+    metavar="NUMBER",
+    help="Reject a .fcs file whose views together have more pixels than this. Memory grows in proportion.",
+)
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(1, MAX_THREADS),
+    callback=_limit_threads,
+    expose_value=False,
+    is_eager=True,
+    help="Maximum number of CPU threads.  [default: all cores]",
+)
 METADATA = ("title", "author", "licence", "date")
-
-
-def metadata_options(function: Function) -> Function:
-    """Add the options; they are passed under their names, None if left out."""
-    texts = {
-        "title": "Title of the scene, stored in the file.",
-        "author": "Author of the photographs, stored in the file.",
-        "licence": "Licence of the photographs, such as CC-BY-4.0, stored in the file.",
-    }
-    function = click.option(
+metadata_options = with_options(
+    click.option("--title", metavar="TEXT", help="Title of the scene, stored in the file."),
+    click.option("--author", metavar="TEXT", help="Author of the photographs, stored in the file."),
+    click.option(
+        "--licence",
+        metavar="TEXT",
+        help="Licence of the photographs, such as CC-BY-4.0, stored in the file.",
+    ),
+    click.option(
         "--date",
         callback=_parse_date,
         metavar="YYYY-MM-DD",
         help="Date of the photographs, stored in the file.",
-    )(function)
-    for name, text in reversed(texts.items()):
-        function = click.option(f"--{name}", metavar="TEXT", help=text)(function)
-    return function
-
-
-@parsed
-def _parse_date(value: str) -> str:
-    try:
-        return datetime.date.fromisoformat(value).isoformat()
-    except ValueError as error:
-        raise ValueError(f"{value[:40]!r} is not a date like 2026-05-31.") from error
+    ),
+)
 
 
 @parsed

@@ -11,7 +11,7 @@ import click
 from fecocodec.container import quantise_lambda
 from fecocodec.limits import check_sizes, check_view_shares
 
-from .options import FILE_PATH, parse_size, parsed
+from .options import FILE_PATH, parse_size, parsed, with_options
 from .paths import require_input
 
 if TYPE_CHECKING:
@@ -103,23 +103,15 @@ _OPTIONS: dict[str, Callable[..., Any]] = {
         help="Keep so many batches per process in memory with the results of the frozen extractor or matching.",
     ),
 }
-
-
-def data_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --photographs and --textures."""
-    command = click.option(
+data_options = with_options(
+    click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json."),
+    click.option(
         "--textures",
         type=FILE_PATH,
         help="Folder of images that texture synthetic scenes, beside the built-in patterns.",
-    )(command)
-    return click.option("--photographs", type=FILE_PATH, help="Folder of posed scenes, each with a transforms.json.")(
-        command
-    )
-
-
-def seed_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --seed."""
-    return click.option("--seed", type=click.IntRange(0, 2**31), default=0, help="Seed of random numbers.")(command)
+    ),
+)
+seed_option = click.option("--seed", type=click.IntRange(0, 2**31), default=0, help="Seed of random numbers.")
 
 
 def check_inputs(paths: tuple[Path | None, ...], overrides: dict[str, Any]) -> None:
@@ -135,13 +127,7 @@ def check_inputs(paths: tuple[Path | None, ...], overrides: dict[str, Any]) -> N
 
 def configuration_options(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator that adds options of `overridden`: these, or all. Those that are not given are None."""
-
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        for name in reversed(names or tuple(_OPTIONS)):
-            command = _OPTIONS[name](command)
-        return command
-
-    return decorate
+    return with_options(*(_OPTIONS[name] for name in names or _OPTIONS))
 
 
 def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":

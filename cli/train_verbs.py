@@ -1,7 +1,7 @@
 """`fecosplat train entropy | steps | detail`: train one part of a finished model alone, and write a new model."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
@@ -12,7 +12,7 @@ import click
 from fecocodec.errors import OutputError
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE, read_bytes
 
-from .options import FILE_PATH, device_option, threads_option
+from .options import FILE_PATH, device_option, threads_option, with_options
 from .output import say
 from .paths import require_model, require_output_folder
 from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
@@ -23,20 +23,13 @@ if TYPE_CHECKING:
     from fecocodec.training.sources import Sources
 
 _SCENE_FIELDS = ("view_shares", "sizes", "lambda_range")
-
-
-def _model_arguments(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add MODEL and OUT."""
-    command = click.argument("out", metavar="OUT", type=FILE_PATH)(command)
-    return click.argument("model", metavar="MODEL", type=FILE_PATH)(command)
-
-
-def _photograph_share_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --photograph-share, passed as the equal shares at the first and the last step."""
-    return click.option(
-        "--photograph-share", type=float, callback=lambda _ctx, _param, value: None if value is None else (value,) * 2,
-        help="Fraction of photographs.  [default: 0.6]",
-    )(command)  # fmt: skip
+_model_arguments = with_options(
+    click.argument("model", metavar="MODEL", type=FILE_PATH), click.argument("out", metavar="OUT", type=FILE_PATH)
+)
+_photograph_share_option = click.option(  # equal shares at the first and the last step
+    "--photograph-share", type=float, callback=lambda _ctx, _param, value: None if value is None else (value,) * 2,
+    help="Fraction of photographs.  [default: 0.6]",
+)  # fmt: skip
 
 
 @click.command(
