@@ -18,11 +18,9 @@ def progress_bar() -> Iterator[OnProgress]:
     if verbosity() is Verbosity.QUIET:
         yield lambda _step, _fraction: None
         return
-    if verbosity() is Verbosity.VERBOSE:
-        yield _each_step()
-        return
-    if not sys.stderr.isatty():
-        yield _lines()
+    is_verbose = verbosity() is Verbosity.VERBOSE
+    if is_verbose or not sys.stderr.isatty():
+        yield _lines(is_verbose)
         return
 
     from rich.console import Console
@@ -64,40 +62,26 @@ def in_words(seconds_left: float) -> str:
     return f"about {seconds_left / 60:.0f} min left"
 
 
-def _lines() -> OnProgress:
+def _lines(is_verbose: bool) -> OnProgress:
     """Return a callback that prints a line every SECONDS_BETWEEN_LINES, none for shorter work.
 
-    The first line is printed earlier, when the estimate of the time left exceeds SECONDS_BETWEEN_LINES.
+    The first line is printed earlier, when the estimate of the time left exceeds SECONDS_BETWEEN_LINES. Verbose: there
+    is a line when a step starts, with the seconds since the work started, and one with the time left of a long step.
     """
-    last, time_left, is_first = monotonic(), TimeLeft(), True
+    start = last = monotonic()
+    previous, time_left, is_first = "", TimeLeft(), True
 
     def report(step: str, fraction: float) -> None:
-        nonlocal last, is_first
+        nonlocal last, previous, is_first
         left = time_left.after(step, fraction)
+        words = "" if left is None else in_words(left)
         is_long = is_first and left is not None and left >= SECONDS_BETWEEN_LINES
-        if is_long or monotonic() - last >= SECONDS_BETWEEN_LINES:
+        if is_verbose and (step != previous or is_long):
+            say(f"{monotonic() - start:8.2f} s  {100 * fraction:3.0f}%  {words if step == previous else step}")
+            previous, is_first = step, step != previous
+        elif not is_verbose and (is_long or monotonic() - last >= SECONDS_BETWEEN_LINES):
             last, is_first = monotonic(), False
             done = f"{100 * fraction:.0f}% done" if fraction else "started"
-            say(f"{step}: {done}" + ("" if left is None else f", {in_words(left)}"))
-
-    return report
-
-
-def _each_step() -> OnProgress:
-    """Return a callback that prints each step when it starts, with the seconds since the work started.
-
-    A long step is followed by the estimate of the time left, once it is known.
-    """
-    start, last, time_left, is_estimated = monotonic(), "", TimeLeft(), False
-
-    def report(step: str, fraction: float) -> None:
-        nonlocal last, is_estimated
-        left = time_left.after(step, fraction)
-        if step != last:
-            last, is_estimated = step, False
-            say(f"{monotonic() - start:8.2f} s  {100 * fraction:3.0f}%  {step}")
-        elif left is not None and left >= SECONDS_BETWEEN_LINES and not is_estimated:
-            is_estimated = True
-            say(f"{monotonic() - start:8.2f} s  {100 * fraction:3.0f}%  {in_words(left)}")
+            say(f"{step}: {done}" + (words and f", {words}"))
 
     return report
