@@ -11,7 +11,7 @@ import re
 import struct
 import zlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from fecocodec.splat_files.spz import spz_bytes
 
 FOLDER = Path(__file__).parents[1] / "web"
 SCENE_PAGE = "scene.html"
-KINDS = (".ply", ".spz")
 MAX_BYTES = 384 << 20  # as base64, a longer file would not fit in a string of a browser
 _MAX_HEADER_BYTES = 1 << 16
 _SPZ_HEADER_BYTES = 12
@@ -87,22 +86,18 @@ def _cameras(cameras: CameraArrays) -> dict[str, object]:
     return {"near": cameras.near, "far": cameras.far, "views": views}
 
 
-class SplatHeader(NamedTuple):
-    """The kind of a file, an entry of KINDS, and the number of its Gaussians."""
+def read_splat_header(path: Path, data: bytes) -> tuple[str, int]:
+    """Return the kind of a file, .ply or .spz, and the number of its Gaussians.
 
-    kind: str
-    num_gaussians: int
-
-
-def read_splat_header(path: Path, data: bytes) -> SplatHeader:
-    """Return what a file holds. Raises InputError if these are no Gaussians, or the viewer page cannot read them."""
+    Raises InputError if these are no Gaussians, or the viewer page cannot read them.
+    """
     kind = path.suffix.lower()
     count = _count_of_spz(path, data) if kind == ".spz" else _count_of_ply(path, data)
     if count == 0:
         raise InputError(f"{path}: the file holds no Gaussians; give one that does.")
     if len(data) > MAX_BYTES:
         raise InputError(f"{path}: the page shows files of at most {MAX_BYTES >> 20} MiB; compress it, as .spz.")
-    return SplatHeader(kind, count)
+    return kind, count
 
 
 def _count_of_ply(path: Path, data: bytes) -> int:
