@@ -19,7 +19,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.coding_grid import LEAST_KEPT, filled
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.depth_range import believable_bounds, estimate_depth_range
-from fecocodec.geometry.views import Views, joined
+from fecocodec.geometry.views import Views, joined, joined_planes
 from fecocodec.input_file import StrPath
 from fecocodec.limits import require_depths
 from fecocodec.photographs.exr import Photograph
@@ -144,9 +144,7 @@ def read_unbounded(chosen: ChosenPhotographs, background: Background | None, mas
 
 def _stacked(planes: list[Tensor | None], otherwise: Tensor) -> Tensor | None:
     """Return the planes of all views, with `otherwise` for those without; None if all are without."""
-    if all(plane is None for plane in planes):
-        return None
-    return torch.stack([otherwise if plane is None else plane for plane in planes])
+    return joined_planes([(None if plane is None else plane[None], otherwise[None]) for plane in planes])
 
 
 @dataclass(frozen=True)
