@@ -65,6 +65,14 @@ def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def output(tmp_path: Path) -> Path:
+    """An empty folder to write to."""
+    folder = tmp_path / "output"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def estimated_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cameras of the same two photographs are estimated once a process."""
     from tests.estimated_once import estimated_once

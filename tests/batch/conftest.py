@@ -31,11 +31,3 @@ def photographed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(4):
         write_scene(root / f"scene_{number}", seed=number)
     return root
-
-
-@pytest.fixture
-def output(tmp_path: Path) -> Path:
-    """An empty folder to write to."""
-    folder = tmp_path / "output"
-    folder.mkdir()
-    return folder

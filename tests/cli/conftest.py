@@ -112,11 +112,3 @@ def wall_file(networks: None, wall: bytes, tmp_path: Path) -> Path:
     file = tmp_path / "wall.fcs"
     file.write_bytes(wall)
     return file
-
-
-@pytest.fixture
-def output(tmp_path: Path) -> Path:
-    """An empty folder to write to."""
-    folder = tmp_path / "output"
-    folder.mkdir()
-    return folder

@@ -70,18 +70,15 @@ def test_a_size_is_hit_within_three_percent(kib: float, noise: float) -> None:
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS and curve.calls[FAST] <= NUM_FAST_ENCODINGS
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.003])
-@pytest.mark.parametrize("psnr", [20.0, 24.0, 27.0, 30.0])
-def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, noise: float) -> None:
-    curve = Curve(noise)
-    found = search(curve, AtLeastPsnr(psnr), DEFAULT, DEFAULT.num_steps, NAMES, quiet)
-    assert psnr <= found.psnr <= psnr + 0.3
-    assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS
-
-
-@pytest.mark.parametrize("psnr", [24.5, 25.5, 26.5, 28.0])
-def test_a_quality_that_only_detail_reaches_is_exceeded_by_little(psnr: float) -> None:
-    curve = CurveOfPairs(0.003)
+@pytest.mark.parametrize(
+    ("psnr", "curve_of", "noise"),
+    [
+        *((psnr, Curve, noise) for psnr in (20.0, 24.0, 27.0, 30.0) for noise in (0.0, 0.003)),
+        *((psnr, CurveOfPairs, 0.003) for psnr in (24.5, 25.5, 26.5, 28.0)),  # which only detail reaches
+    ],
+)
+def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, curve_of: type[Curve], noise: float) -> None:
+    curve = curve_of(noise)
     found = search(curve, AtLeastPsnr(psnr), DEFAULT, DEFAULT.num_steps, NAMES, quiet)
     assert psnr <= found.psnr <= psnr + 0.3
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS

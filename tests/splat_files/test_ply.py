@@ -13,17 +13,12 @@ from fecocodec.errors import InputError, OutputError
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.splat_files.gaussian_arrays import OPACITY_MARGIN
 from fecocodec.splat_files.ply import read_ply, write_ply
+from tests.splat_files import test_output_formats
 
 
 def some_gaussians(count: int = 50, d_sh: int = 9) -> Gaussians:
-    generator = torch.Generator().manual_seed(0)
-    return Gaussians(
-        means=torch.randn(count, 3, generator=generator),
-        scales=torch.rand(count, 3, generator=generator) + 1e-3,
-        rotations=torch.nn.functional.normalize(torch.randn(count, 4, generator=generator), dim=-1),
-        opacities=torch.rand(count, generator=generator) * 0.98 + 0.01,
-        harmonics=torch.randn(count, d_sh, 3, generator=generator),
-    )
+    made = test_output_formats.some_gaussians(count, d_sh)
+    return Gaussians(*(torch.as_tensor(field, dtype=torch.float32) for field in made.fields()))
 
 
 @pytest.mark.parametrize("d_sh", [4, 9, 16])

@@ -22,13 +22,17 @@ from tests.example_scenes import example_views
 LAMBDA_Q = torch.tensor([281])
 
 
-@pytest.fixture(scope="module")
-def networks() -> tuple[Sender, Receiver]:
+def started(config: ReceiverConfig) -> tuple[Sender, Receiver]:
     torch.manual_seed(0)
-    receiver = Receiver(ReceiverConfig()).eval()
-    sender = Sender(SenderConfig(), receiver.config).eval()
+    receiver = Receiver(config).eval()
+    sender = Sender(SenderConfig(), config).eval()
     start_as_block_transform(sender, receiver)
     return sender, receiver
+
+
+@pytest.fixture(scope="module")
+def networks() -> tuple[Sender, Receiver]:
+    return started(ReceiverConfig())
 
 
 def smooth_picture() -> torch.Tensor:
@@ -49,21 +53,14 @@ def test_inverse_of_forward_gives_half_resolution_colours_and_disparity() -> Non
     assert (colours - F.avg_pool2d(picture, 2)).abs().mean() < 0.02
 
 
-def paper_networks(per_side: int) -> tuple[Sender, Receiver]:
-    torch.manual_seed(0)
-    receiver = Receiver(ReceiverConfig(method=PAPER, gaussians_per_side=per_side)).eval()
-    sender = Sender(SenderConfig(), receiver.config).eval()
-    start_as_block_transform(sender, receiver)
-    return sender, receiver
-
-
 def test_gaussians_have_the_photographs_colours(networks: tuple[Sender, Receiver]) -> None:
     assert colour_error(*networks, side=32) < 0.04
 
 
 @pytest.mark.parametrize("per_side", [1, 2, 4])
 def test_gaussians_of_other_resolutions_have_these_colours(per_side: int) -> None:
-    assert colour_error(*paper_networks(per_side), side=16 * per_side) < 0.04
+    paper = ReceiverConfig(method=PAPER, gaussians_per_side=per_side)
+    assert colour_error(*started(paper), side=16 * per_side) < 0.04
 
 
 @torch.no_grad()
@@ -84,7 +81,7 @@ def colour_error(sender: Sender, receiver: Receiver, side: int) -> float:
 
 @torch.no_grad()
 def test_the_papers_feedback_begins_with_the_errors_of_the_rendering() -> None:
-    sender, receiver = paper_networks(2)
+    sender, receiver = started(ReceiverConfig(method=PAPER, gaussians_per_side=2))
     images, renderings = torch.rand(2, 1, 3, 32, 32, generator=torch.Generator().manual_seed(2))
     features = sender.feedback(images, renderings, torch.zeros(1, 2, 8, 8), receiver.condition(LAMBDA_Q, 2))
     torch.testing.assert_close(features[:, :PIXELS], 2 * F.pixel_unshuffle(images - renderings, 4))

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
 from tests.sender.depthsplat_small.public_network import made_up_tensor, undrawn
 
@@ -45,14 +44,6 @@ CHANNEL_STEPS = {
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
     return dict(np.load(path))
-
-
-def views_of(arrays: dict[str, np.ndarray]) -> tuple[Tensor, Cameras]:
-    images = torch.from_numpy((arrays["images"] / 65535).astype(np.float32))[None]
-    near, far = (torch.from_numpy(arrays[name][:1]) for name in ("near", "far"))
-    return images, Cameras(
-        torch.from_numpy(arrays["extrinsics"])[None], torch.from_numpy(arrays["intrinsics"])[None], near, far
-    )
 
 
 def made_up_network() -> DepthSplatBase:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from public_base_network import CHANNEL_STEPS, FULL, SHAPES, SHIPPED, made_up_network, read_arrays, views_of
+from public_base_network import CHANNEL_STEPS, FULL, SHAPES, SHIPPED, made_up_network, read_arrays
 from torch import Tensor
 
 from fecocodec.errors import InputError, ModelError
@@ -12,7 +12,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.extractors.adapter import LargeExtractor
 from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
 from tests.example_scenes import example_views
-from tests.sender.depthsplat_small.public_network import undrawn
+from tests.sender.depthsplat_small.public_network import undrawn, views_of
 
 
 @pytest.fixture(scope="module")

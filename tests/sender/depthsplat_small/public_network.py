@@ -36,17 +36,19 @@ class Reference:
         return found[:, :: self.channel_step, :: self.position_step, :: self.position_step]
 
 
+def views_of(arrays: dict[str, np.ndarray]) -> tuple[Tensor, Cameras]:
+    images = torch.from_numpy((arrays["images"] / 65535).astype(np.float32))[None]
+    near, far = (torch.from_numpy(arrays[name][:1]) for name in ("near", "far"))
+    return images, Cameras(
+        torch.from_numpy(arrays["extrinsics"])[None], torch.from_numpy(arrays["intrinsics"])[None], near, far
+    )
+
+
 def read_reference(path: Path) -> Reference:
     arrays = dict(np.load(path))
     names = ("features_cnn", "features_mv", "features_mono", "cost_volume", "f1")
     return Reference(
-        images=torch.from_numpy((arrays["images"] / 65535).astype(np.float32))[None],
-        cameras=Cameras(
-            torch.from_numpy(arrays["extrinsics"])[None],
-            torch.from_numpy(arrays["intrinsics"])[None],
-            torch.from_numpy(arrays["near"][:1]),
-            torch.from_numpy(arrays["far"][:1]),
-        ),
+        *views_of(arrays),
         outputs={name: torch.from_numpy(arrays[name]) for name in names},
         channel_step=int(arrays["channel_step"]),
         position_step=int(arrays.get("position_step", 1)),
