@@ -87,24 +87,29 @@ def test_import_contracts_hold() -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-WITHOUT_TORCH = (
-    "fecocodec", "fecocodec.container", "fecocodec.entropy", "fecocodec.codec.encode_folder", "fecosplat_cli.main",
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("module", WITHOUT_TORCH)
-def test_torch_stays_unloaded(module: str) -> None:
-    """Import every module of the package in a fresh process: none may load torch."""
-    program = f"""
-import importlib, pkgutil, sys
-package = importlib.import_module({module!r})
-if {module!r} in ("fecocodec.container", "fecocodec.entropy"):
-    for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        importlib.import_module(found.name)
-print("torch" in sys.modules)
+IMPORT_ALL = """
+import importlib, pkgutil, {0}
+for found in pkgutil.walk_packages({0}.__path__, "{0}."):
+    importlib.import_module(found.name)
 """
+RUN = "from fecosplat_cli.main import run; assert run({}) == 0"
+SCENE = str(next((ROOT / "bitstream_spec" / "vectors" / "valid").glob("scene-*.fcs")))
+
+
+@pytest.mark.parametrize(
+    ("statements", "libraries"),
+    [
+        ("import fecocodec, fecocodec.codec.encode_folder, fecosplat_cli.main", ("torch",)),
+        *((IMPORT_ALL.format(name), ("torch",)) for name in ("fecocodec.container", "fecocodec.entropy")),
+        (RUN.format(["--help"]), ("torch", "numpy", "rich")),
+        (RUN.format(["info", SCENE]), ("torch", "numpy", "numba", "scipy")),
+    ],
+)
+def test_libraries_stay_unloaded(statements: str, libraries: tuple[str, ...]) -> None:
+    """In a fresh process."""
+    program = f"import sys\n{statements}\nprint([name for name in {libraries} if name in sys.modules])"
     result = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == "False"
+    assert result.stdout.splitlines()[-1] == "[]"
 
 
 def test_library_neither_prints_nor_exits() -> None:

@@ -35,6 +35,10 @@ EARLY = [
     (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
     (("encode", ".", "-o", "in.fcs/a.fcs"), "in.fcs/a.fcs: in.fcs is not a folder; choose another output path."),
     (("encode", ".", "-o", "a.fcs", "--lambda", "7"), "lambda is 7"),
+    (
+        ("encode", ".", "-o", "a.fcs", "--lambda", "nan"),
+        "lambda is nan, outside the range of the codec; choose one from 1e-05 to 0.01.",
+    ),
     (("encode", ".", "-o", "a.fcs", "--title", "a" * 70000), "section metadata: its JSON has 70012 bytes, at most"),
     (
         ("decode", "missing", "-o", "a.obj"),

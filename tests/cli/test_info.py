@@ -87,15 +87,6 @@ def test_control_characters_never_reach_the_terminal(fecosplat, tmp_path: Path, 
                 assert json.loads(result.out)["metadata"] == (metadata if data == named else None)
 
 
-def test_loads_neither_torch_nor_numpy(stream_file: Path) -> None:
-    program = (
-        "import sys; from fecosplat_cli.main import run; code = run(['info', sys.argv[1]]); "
-        "print(code, sorted({'torch', 'numpy', 'numba', 'scipy'} & set(sys.modules)))"
-    )
-    result = subprocess.run([sys.executable, "-c", program, stream_file], capture_output=True, text=True, check=True)
-    assert result.stdout.splitlines()[-1] == "0 []"
-
-
 def test_text_shows_title_and_author_with_escaped_control_characters(
     fecosplat, stream_bytes: bytes, tmp_path: Path
 ) -> None:
