@@ -62,6 +62,8 @@ _OPTIONS = {
     "stages=1": "--stages 1",
     "spz_version=3": "--spz-version 3",
     "views=all": "--views all",
+    "effort=fast": "--effort fast",
+    "effort=best": "--effort best",
     "workers=1": "--workers 1",
 }
 

@@ -134,8 +134,10 @@ def encode_folder(
         if checks is None or len(checks.names) == 1:
             left_out = measure_left_out(data, views, device=device, model=model)
         if checks is not None and of_checks is not None:
-            messages.warn(*new_view_warnings(of_checks, checks.names))
-        elif poor := quality_warnings(quality[-1], views.names):
+            is_any_left = guides is not None or roles.num_unused > 0
+            count = len(views.names)
+            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort))
+        elif poor := quality_warnings(quality[-1], views.names, options.effort):
             messages.warn(*poor)
         elif left_out is not None and is_shipped(read_header(data).header.model_id):
             messages.warn(*left_out_warnings(left_out, views.names))

@@ -218,7 +218,7 @@ def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, n
     worst = attempt.quality.worst_view
     advice = ["lower the target"]
     if config.num_steps < BEST.num_steps:
-        advice.append("use more `effort`")
+        advice.append("use `effort=best`")
     if len(names) > 2:
         advice.append(f"leave out the worst view, {names[worst]} ({attempt.quality.psnr_of_view[worst]:.2f} dB)")
     return (

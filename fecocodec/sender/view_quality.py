@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
 
+from fecocodec.limits import MAX_VIEWS
+
 LEAST_LOSS = 0.1  # of the mean PSNR, in dB, for which a file of one stage is written
 # Mean PSNR in dB, below which `quality_warnings` calls the views poor. On six training captures, photographs between
 # the coded views had 15.6 to 20.6 dB where those were below it, else 23 dB or more (docs/what_we_learned.md).
@@ -72,34 +74,63 @@ def left_out_warnings(quality: LeftOutQuality, names: Sequence[str]) -> tuple[st
     )
 
 
-def quality_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[str, ...]:
+def quality_warnings(quality: DecodedQuality, names: tuple[str, ...], effort: str = "default") -> tuple[str, ...]:
     """Return one sentence if the decoded context views are poor, with what helps.
 
-    quality: after the last stage. names: of the views. The result is empty if their mean PSNR is LEAST_PSNR or more.
+    quality: after the last stage. names: of the views. effort: with which they were encoded. The result is empty if
+    their mean PSNR is LEAST_PSNR or more.
     """
     if quality.psnr >= LEAST_PSNR:
         return ()
     found = f"the decoded views are poor, with a PSNR of {quality.psnr:.1f} dB"
+    smaller = ["use a smaller lambda", "use a larger `size`"]
     if len(names) == 1:
-        return (f"{found}; use a smaller lambda, a larger `size` or more `effort`.",)
+        return (f"{found}; {_either([*_other_effort(effort), *smaller])}.",)
     worst = quality.worst_view
     found += f" (worst {names[worst]}, {quality.psnr_of_view[worst]:.1f} dB), and images between them will be worse"
-    found += "; check that each camera belongs to its photograph, or"
+    advice = ["check that each camera belongs to its photograph", *_other_effort(effort)]
+    closer = ["choose fewer `views`, which are closer together"]
     if len(names) == 2:
-        return (f"{found} use a smaller lambda, a larger `size`, more `effort`, or two views closer together.",)
-    return (f"{found} choose fewer `views`, which are closer together, or use more `effort`.",)
+        closer = [*smaller, "choose two views closer together"]
+    return (f"{found}; {_either([*advice, *closer])}.",)
 
 
-def new_view_warnings(quality: DecodedQuality, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return one sentence if new views are poor. quality, names: of photographs that were not used."""
+def new_view_warnings(
+    quality: DecodedQuality, names: tuple[str, ...], num_coded: int, is_any_left: bool, effort: str = "default"
+) -> tuple[str, ...]:
+    """Return one sentence if new views are poor, with what helps.
+
+    quality, names: of photographs that were not used. num_coded: number of coded views. is_any_left: whether further
+    photographs could be coded. effort: with which they were encoded.
+    """
     if quality.psnr >= LEAST_NEW_PSNR:
         return ()
     worst = quality.worst_view
+    advice = ["check that each camera belongs to its photograph"]
+    if effort == "fast":
+        advice += _other_effort(effort)
+    advice.append("add photographs between the coded ones")
+    if num_coded >= MAX_VIEWS:
+        advice.append(f"encode a smaller part of the scene, as a file holds at most {MAX_VIEWS} coded views")
+    elif is_any_left:
+        advice.append("code more of them by `views`")
     return (
         f"new views are poor, with a PSNR of {quality.psnr:.1f} dB, measured on {photographs(len(names))} (worst "
-        f"{names[worst]}, {quality.psnr_of_view[worst]:.1f} dB); check that each camera belongs to its photograph, add "
-        "photographs between the coded ones, or code more of them by `views`.",
+        f"{names[worst]}, {quality.psnr_of_view[worst]:.1f} dB); {_either(advice)}.",
     )
+
+
+def _other_effort(effort: str) -> list[str]:
+    """Return the advice to take a higher effort than the given one; empty if there is none."""
+    if effort == "fast":
+        return ["leave out `effort=fast`, which is a likely cause"]
+    return ["use `effort=best`"] if effort == "default" else []
+
+
+def _either(advice: Sequence[str]) -> str:
+    """Return advice of which each alone may help: `a, b, or c`."""
+    *others, last = advice
+    return f"{', '.join(others)}, or {last}" if others else last
 
 
 def photographs(count: int) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from fecosplat_cli.encode import report_fields, roles_note, say_result
+from fecosplat_cli.output import in_options
 from refusals import assert_refused
 
 from fecocodec.codec.encode_folder import EncodingReport, OtherViews
@@ -151,23 +152,40 @@ def test_poor_views_are_said() -> None:
     assert quality_warnings(DecodedQuality((25.0, 19.0)), ("a.png", "b.png")) == ()
     assert quality_warnings(DecodedQuality((23.0, 18.9)), ("a.png", "b.png")) == (
         "the decoded views are poor, with a PSNR of 20.9 dB (worst b.png, 18.9 dB), and images between them will be "
-        "worse; check that each camera belongs to its photograph, or use a smaller lambda, a larger `size`, more "
-        "`effort`, or two views closer together.",
+        "worse; check that each camera belongs to its photograph, use `effort=best`, use a smaller lambda, use a "
+        "larger `size`, or choose two views closer together.",
     )
-    assert quality_warnings(DecodedQuality((23.0, 18.9, 21.0)), ("a.png", "b.png", "c.png")) == (
+    three = DecodedQuality((23.0, 18.9, 21.0)), ("a.png", "b.png", "c.png")
+    assert quality_warnings(*three, "best") == (
         "the decoded views are poor, with a PSNR of 21.0 dB (worst b.png, 18.9 dB), and images between them will be "
-        "worse; check that each camera belongs to its photograph, or choose fewer `views`, which are closer together, "
-        "or use more `effort`.",
+        "worse; check that each camera belongs to its photograph, or choose fewer `views`, which are closer together.",
     )
-    assert quality_warnings(DecodedQuality((18.0,)), ("a.png",)) == (
-        "the decoded views are poor, with a PSNR of 18.0 dB; use a smaller lambda, a larger `size` or more `effort`.",
+    assert quality_warnings(DecodedQuality((18.0,)), ("a.png",), "fast") == (
+        "the decoded views are poor, with a PSNR of 18.0 dB; leave out `effort=fast`, which is a likely cause, use a "
+        "smaller lambda, or use a larger `size`.",
     )
-    assert new_view_warnings(DecodedQuality((25.0, 15.0)), ("a.png", "b.png")) == ()
-    assert new_view_warnings(DecodedQuality((18.0, 17.0)), ("a.png", "b.png")) == (
+    assert in_options("use `effort=best`, no `effort=fast`") == "use --effort best, no --effort fast"
+
+
+def test_what_helps_new_views_fits_the_case() -> None:
+    poor, names = DecodedQuality((18.0, 17.0)), ("a.png", "b.png")
+    assert new_view_warnings(DecodedQuality((25.0, 15.0)), names, 4, True) == ()
+    start = (
         "new views are poor, with a PSNR of 17.5 dB, measured on 2 photographs that were not used (worst b.png, 17.0 "
-        "dB); check that each camera belongs to its photograph, add photographs between the coded ones, or code more "
-        "of them by `views`.",
+        "dB); check that each camera belongs to its photograph, "
     )
+    between = "add photographs between the coded ones"
+    assert new_view_warnings(poor, names, 4, True) == (f"{start}{between}, or code more of them by `views`.",)
+    assert new_view_warnings(poor, names, 4, False) == (f"{start}or {between}.",)
+    assert new_view_warnings(poor, names, 4, False, "fast") == (
+        f"{start}leave out `effort=fast`, which is a likely cause, or {between}.",
+    )
+    assert new_view_warnings(poor, names, 16, True) == (
+        f"{start}{between}, or encode a smaller part of the scene, as a file holds at most 16 coded views.",
+    )
+
+
+def test_a_stage_that_lowers_the_quality_is_said() -> None:
     better, worse = DecodedQuality((30.0, 28.0)), DecodedQuality((29.0, 28.0))
     assert not is_lowered_by_stage_2((worse, better)) and not is_lowered_by_stage_2((better,))
     assert not is_lowered_by_stage_2((better, DecodedQuality((29.9, 28.0))))

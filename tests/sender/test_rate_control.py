@@ -99,7 +99,7 @@ def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Ta
             AtMostKib(0.5),
             r"a file of 0\.5 KiB cannot be made, the smallest has .*; raise the target, lower `sharpness`, or give",
         ),
-        (AtLeastPsnr(99.0), "a PSNR of 99 dB cannot be reached, the best is 32.*limited by the detail.*use more `eff"),
+        (AtLeastPsnr(99.0), "a PSNR of 99 dB cannot be reached, the best is 32.*limited by the detail.*`effort=best`"),
     ],
 )
 def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: str) -> None:
