@@ -42,7 +42,10 @@ def image_files(output: Path, stem: str, names: tuple[str, ...], *, overwrite: b
     """
     is_image = is_image_file(output)
     if is_image and len(names) != 1:
-        raise OutputError(f"{output}: one file cannot hold {len(names)} views; give a folder or choose one view.")
+        raise OutputError(
+            f"{output}: one file cannot hold {len(names)} views; give a folder, or with --cameras the file name or the "
+            "number of one view, such as --views 7, (7 without the comma is a count)."
+        )
     files = (
         [[output]]
         if is_image

@@ -169,7 +169,7 @@ metadata_options = with_options(
 
 @parsed
 def parse_selection(value: str) -> Selection:
-    """Parse the text of `--views`; the library checks whether the views exist. One number is how many."""
+    """Parse the text of `--views`; the library checks whether the views exist. A number without a comma is a count."""
     if value.isdecimal() and len(value) <= LONGEST_NUMBER:
         return Spread(int(value))
     if value == "auto":
@@ -198,8 +198,11 @@ def parse_checks(value: str) -> int:
 
 
 def _names(value: str) -> tuple[str, ...]:
-    """Return the names between commas; `\\,` is a comma in a name."""
-    items = tuple(item.strip().replace("\\,", ",") for item in re.split(r"(?<!\\),", value))
+    """Return the names between commas; `\\,` is a comma in a name. A comma after the last one is allowed (`7,`)."""
+    parts = re.split(r"(?<!\\),", value)
+    if len(parts) > 1 and not parts[-1]:
+        parts.pop()
+    items = tuple(item.strip().replace("\\,", ",") for item in parts)
     if not all(items):
         raise ValueError(f"{value!r} names an empty view; use single commas, such as 0,5.")
     return items

@@ -40,7 +40,7 @@ BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 Examples:
   fecosplat render scene.fcs -o images/
   fecosplat render scene.fcs -o preview.webp
-  fecosplat render scene.fcs -o new_view.png --cameras photos/ --views 7
+  fecosplat render scene.fcs -o new_view.png --cameras photos/ --views 7,
   fecosplat render scene.ply -o images/ --cameras photos/ --size 512x512
   fecosplat render scene.fcs --video orbit.mp4 --path orbit --size 1280x720
   fecosplat render scene.fcs --video flight.mp4 --cameras camera_path.json""",
@@ -72,7 +72,8 @@ Examples:
 )  # fmt: skip
 @click.option(
     "--views", callback=parse_selection, metavar="WHICH",
-    help="Views of --cameras to use: how many (4), or 0,5 or a.jpg,b.jpg or auto or all.  [default: all]",
+    help="Views of --cameras to use: how many (4), numbers (0,5; with a comma for one: 7,), file names (a.jpg,b.jpg), "
+    "auto or all.  [default: all]",
 )  # fmt: skip
 @click.option("--size", callback=parse_size, metavar="WxH", help="Image size.  [default: that of the photographs]")
 @click.option("--stages", type=click.IntRange(1, 2), help="Number of stages to decode.  [default: all]")

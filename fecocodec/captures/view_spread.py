@@ -51,7 +51,10 @@ def require_count(count: int, available: int) -> None:
     """Raise InputError if `count` views cannot be chosen."""
     if not 1 <= count <= available:
         most = min(available, MAX_VIEWS)
-        raise InputError(f"{count} views asked for, but the folder has {available}; choose 1 to {most}.")
+        raise InputError(
+            f"{count} views asked for, but the folder has {available}; choose 1 to {most}, or name photographs in "
+            "`views`, by file names or by numbers with a comma (`0,5` or `7,`)."
+        )
     if count > MAX_VIEWS:
         raise InputError(f"{count} views asked for, but at most {MAX_VIEWS} can be used; change `views`.")
 

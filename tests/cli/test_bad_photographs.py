@@ -113,7 +113,11 @@ def test_views_that_cannot_be_used_are_passed_over(fecosplat, scene: Path, outpu
     [
         (("--near", "5", "--far", "2"), NO_RANGE.format(5)),
         (("--size", "96x32"), "size 96x32: each side must have 64 to 1024 pixels; choose another --size."),
-        (("--views", "9"), "{folder}: 9 views asked for, but the folder has 4; choose 1 to 4."),
+        (
+            ("--views", "9"),
+            "{folder}: 9 views asked for, but the folder has 4; choose 1 to 4, or name photographs in --views, by file "
+            "names or by numbers with a comma (`0,5` or `7,`).",
+        ),
     ],
 )
 def test_bad_options(fecosplat, photographs: Path, output: Path, options: tuple[str, ...], sentence: str) -> None:

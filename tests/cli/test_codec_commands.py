@@ -196,7 +196,8 @@ def test_outputs_that_render_refuses(fecosplat, stream_file: Path, tmp_path: Pat
     result = fecosplat("render", stream_file, "-o", tmp_path / "view.png", "--path", "orbit", "--frames", 2)
     assert (result.code, result.err) == (
         1,
-        f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder or choose one view.\n",
+        f"fecosplat: {tmp_path / 'view.png'}: one file cannot hold 2 views; give a folder, or with --cameras the file "
+        "name or the number of one view, such as --views 7, (7 without the comma is a count).\n",
     )
     output = tmp_path / "notes.txt"
     output.write_text("precious")

@@ -11,6 +11,7 @@ import pytest
 from fecosplat_cli.options import parse_selection
 from fecosplat_cli.output import in_options, warn
 
+from fecocodec.captures.view_selection import Spread
 from fecocodec.splat_files import html_page
 
 # Runs many command lines, one after the other, and prints code, standard output and standard error of each as JSON.
@@ -152,6 +153,10 @@ def test_views_of_thousands_of_digits(fecosplat, photographs: Path, output: Path
 def test_texts_of_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     context, option = click.Context(click.Command("encode")), click.Option(["--views"])
     assert parse_selection(context, option, r"a\,b.jpg, 2.jpg") == ("a,b.jpg", "2.jpg")
+    assert parse_selection(context, option, "7,") == ("7",) and parse_selection(context, option, "7") == Spread(7)
+    for text in (",", ",7", "7,,"):
+        with pytest.raises(click.BadParameter, match="names an empty view"):
+            parse_selection(context, option, text)
     assert in_options("change `views` or `size`; not `file_path`.") == "change --views or --size; not `file_path`."
     warn(f"cameras.json: there is no image {'a' * 5000}.jpg; put it there.")
     (line,) = capsys.readouterr().err.splitlines()

@@ -62,7 +62,7 @@ def test_decode_to_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.webp"])
 def test_render_writes_one_picture(fecosplat, coded_scene: Path, photographs: Path, output: Path, name: str) -> None:
-    arguments = ("--cameras", photographs, "--views", "1")
+    arguments = ("--cameras", photographs, "--views", "1,")
     assert fecosplat("render", coded_scene, "-o", output / name, *arguments).code == 0
     assert [path.name for path in output.iterdir()] == [name]
     assert read_image(output / name).shape == (3, 64, 96)
