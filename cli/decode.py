@@ -15,7 +15,7 @@ from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
 from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH, STDIN, STREAM_PATH, json_option
 from .output import print_json, say, warn, write_stdout
-from .paths import STDOUT, require_ending, require_model
+from .paths import STDOUT, require_ending, require_model, require_stream
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ def command(
     start = perf_counter()
     if output is None and stream == STDIN:
         raise click.UsageError("Give -o, the output file.")
+    require_stream(stream)
     output = output or stream.with_suffix(".ply")
     if output == STDOUT and as_json:
         raise click.UsageError("-o - writes the Gaussians to standard output; leave --json out.")

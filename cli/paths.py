@@ -4,7 +4,9 @@ import os
 import re
 from pathlib import Path
 
-from fecocodec.errors import InputError, OutputError
+from fecocodec.container.header_bytes import SIGNATURE_BYTES, check_signature
+from fecocodec.errors import InputError, OutputError, error_context
+from fecocodec.input_file import first_bytes
 
 STDOUT = Path("-")
 # A file format; `.v2`, `.1` and `.renders` are parts of a name.
@@ -41,6 +43,13 @@ def require_model(folder: Path | None) -> None:
     """Raise InputError if the folder of --model does not exist; None is the shipped model."""
     if folder is not None:
         require_input(folder, "there is no such folder; name the folder of a model.")
+
+
+def require_stream(path: Path) -> None:
+    """Raise BitstreamError if a regular file begins as no `.fcs` file does. Pipes are left for the reader."""
+    if start := first_bytes(path, SIGNATURE_BYTES):
+        with error_context(path):
+            check_signature(start)
 
 
 def require_input(path: Path, missing: str = "there is no such file; check the path.") -> None:

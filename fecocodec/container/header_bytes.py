@@ -15,15 +15,16 @@ from fecocodec.container.header import (
 from fecocodec.errors import BitstreamError
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
-# What is given in place of a .fcs file, and how it begins.
+# What is given in place of a .fcs file, how it begins, and what reads it.
 _OTHER_FORMATS = (
-    ("a .ply file", b"ply"),
-    ("an .spz file", b"NGSP"),
-    ("an .spz file, or another one compressed with gzip", b"\x1f\x8b"),
-    ("a .glb file", b"glTF"),
-    ("a .sog file, or another ZIP archive", b"PK\x03\x04"),
-    ("a page (HTML)", b"<!DOCTYPE html"),
+    ("a .ply file", b"ply", "; fecosplat view and fecosplat render read .ply files"),
+    ("an .spz file", b"NGSP", "; fecosplat view reads .spz files"),
+    ("an .spz file, or another one compressed with gzip", b"\x1f\x8b", "; fecosplat view reads .spz files"),
+    ("a .glb file", b"glTF", ""),
+    ("a .sog file, or another ZIP archive", b"PK\x03\x04", ""),
+    ("a page (HTML)", b"<!DOCTYPE html", ""),
 )
+SIGNATURE_BYTES = max(len(SIGNATURE), *(len(signature) for _, signature, _ in _OTHER_FORMATS))
 
 _FIXED = struct.Struct("<8sBB8sBBHHHBB")
 _CRC = struct.Struct("<I")
@@ -58,7 +59,7 @@ def write_header(header: Header, num_sections: int) -> bytes:
 
 def read_header(data: bytes) -> ParsedHeader:
     """Parse the header at the start of a stream. Raises BitstreamError for the first rule that it breaks."""
-    _check_signature(data)
+    check_signature(data)
     if len(data) >= len(SIGNATURE) + 2:
         check_version(FormatVersion(data[8], data[9]))
     _check_length(data, _FIXED.size)
@@ -75,7 +76,8 @@ def read_header(data: bytes) -> ParsedHeader:
     return ParsedHeader(header, num_sections, end)
 
 
-def _check_signature(data: bytes) -> None:
+def check_signature(data: bytes) -> None:
+    """Raise BitstreamError if the first SIGNATURE_BYTES bytes of a file, or all of fewer, are those of another kind."""
     start = data[: len(SIGNATURE)]
     if start == SIGNATURE:
         return
@@ -86,9 +88,9 @@ def _check_signature(data: bytes) -> None:
             "signature at byte 0: the file was changed as if it were text (line ends or high bits); "
             "copy it again in binary mode."
         )
-    for name, signature in _OTHER_FORMATS:
+    for name, signature, readers in _OTHER_FORMATS:
         if data.startswith(signature):
-            raise BitstreamError(f"not a .fcs file: this is {name}; give a file written by fecosplat encode.")
+            raise BitstreamError(f"not a .fcs file: this is {name}; give a file written by fecosplat encode{readers}.")
     raise BitstreamError(
         f"not a .fcs file: its signature at byte 0 is {start.hex(' ')} instead of {SIGNATURE.hex(' ')}; "
         "give a file written by fecosplat encode."

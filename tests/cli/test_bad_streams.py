@@ -86,18 +86,25 @@ def test_a_stream_may_come_through_a_pipe(fecosplat, wall: bytes, output: Path) 
 
 
 @pytest.mark.parametrize(
-    ("start", "kind"),
+    ("start", "kind", "readers"),
     [
-        (b"ply\nformat ascii 1.0", "a .ply file"),
-        (b"NGSP\4\0\0\0", "an .spz file"),
-        (gzip.compress(b"NGSP", mtime=0), "an .spz file, or another one compressed with gzip"),
-        (b"glTF\2\0\0\0", "a .glb file"),
-        (b"PK\3\4\0\0\0\0", "a .sog file, or another ZIP archive"),
-        (b"<!DOCTYPE html>", "a page (HTML)"),
+        (b"ply\nformat ascii 1.0", "a .ply file", "; fecosplat view and fecosplat render read .ply files"),
+        (b"NGSP\4\0\0\0", "an .spz file", "; fecosplat view reads .spz files"),
+        (
+            gzip.compress(b"NGSP", mtime=0),
+            "an .spz file, or another one compressed with gzip",
+            "; fecosplat view reads .spz files",
+        ),
+        (b"glTF\2\0\0\0", "a .glb file", ""),
+        (b"PK\3\4\0\0\0\0", "a .sog file, or another ZIP archive", ""),
+        (b"<!DOCTYPE html>", "a page (HTML)", ""),
     ],
 )
-def test_a_known_format_is_named(fecosplat, tmp_path: Path, output: Path, start: bytes, kind: str) -> None:
-    file = tmp_path / "scene.fcs"
+def test_a_known_format_is_named(
+    fecosplat, tmp_path: Path, output: Path, start: bytes, kind: str, readers: str
+) -> None:
+    file = tmp_path / "scene.ply"
     file.write_bytes(start)
-    result = fecosplat("decode", file, "-o", output / "a.ply")
-    assert_refused(result, output, f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode.")
+    sentence = f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode{readers}."
+    for options in (("-o", output / "a.ply"), ()):  # the default output is the input, which exists
+        assert_refused(fecosplat("decode", file, *options), output, sentence)
