@@ -10,7 +10,7 @@ import click
 from fecocodec.atomic import require_other_file, require_writable, write_atomically
 from fecocodec.container import read_stream_file
 from fecocodec.errors import error_context
-from fecocodec.splat_files.output_formats import ENDINGS, FORMATS
+from fecocodec.splat_files.output_formats import ENDINGS, FORMATS, format_of
 
 from .decode_options import decode_here, decoding_options, require_page
 from .options import FILE_PATH, STDIN, STREAM_PATH, json_option
@@ -120,6 +120,11 @@ def _write(
     data, cameras, note = decoded_file(decoded, place, **writing)
     if note is not None:
         say(f"note: {place}: {note}")
+    if cameras_file is not None and writing["frame"] is None and (frame := format_of(place).frame) != "input":
+        say(
+            f"note: the Gaussians of {output} have the frame {frame}, and the cameras of {cameras_file} the frame "
+            f"input; --frame {frame} or --frame input writes both in one."
+        )
     with nullcontext() if output == STDOUT else write_atomically(output, overwrite=overwrite) as temporary:
         if temporary is not None:
             temporary.write_bytes(data)

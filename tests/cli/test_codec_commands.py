@@ -128,6 +128,20 @@ def test_a_ply_has_degree_3_with_zeros_unless_another_is_asked_for(fecosplat, co
     assert fecosplat("decode", coded_scene, "-o", output / "default.ply", "--sh-degree", "4", "--overwrite").code == 2
 
 
+def test_cameras_in_another_frame_than_the_gaussians_are_said(fecosplat, coded_scene: Path, output: Path) -> None:
+    def notes(name: str, *options: str) -> list[str]:
+        files = ("-o", output / name, "--save-cameras", output / "cameras.json", "--overwrite")
+        printed = fecosplat("decode", coded_scene, *files, *options).err.splitlines()
+        return [line for line in printed if line.startswith("note: the Gaussians")]
+
+    assert notes("scene.glb") == [
+        f"note: the Gaussians of {output / 'scene.glb'} have the frame upright, and the cameras of "
+        f"{output / 'cameras.json'} the frame input; --frame upright or --frame input writes both in one."
+    ]
+    assert notes("scene.ply") == []
+    assert notes("scene.glb", "--frame", "upright") == notes("scene.glb", "--frame", "input") == []
+
+
 @pytest.mark.parametrize("ending", ["spz", "compressed.ply", "glb", "sog"])
 def test_other_formats_keep_the_degree_of_the_model(fecosplat, coded_scene: Path, output: Path, ending: str) -> None:
     """Zeros are written where they are asked for, also in formats whose axes differ."""
