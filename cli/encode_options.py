@@ -58,8 +58,8 @@ encoding_options = with_options(
         "--guides",
         callback=parse_guides,
         metavar="WHICH",
-        help="Photographs that are not coded, but teach the encoder: numbers, file names, none, or auto for up to 24 "
-        "of the others.  [default: auto]",
+        help="Photographs that are not coded, but teach the encoder: at most how many (8), numbers or file names as "
+        "for --views, none, or auto for up to 24 of the others.  [default: auto]",
     ),
     click.option(
         "--checks",

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from fecocodec.captures.view_selection import LONGEST_NUMBER, All, Auto, Selection, Spread
+from fecocodec.captures.view_selection import LONGEST_NUMBER, All, Auto, Guides, Selection, Spread
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 
 MAX_THREADS = 1024
@@ -180,10 +180,12 @@ def parse_selection(value: str) -> Selection:
 
 
 @parsed
-def parse_guides(value: str) -> tuple[str, ...] | None:
-    """Parse the text of `--guides`: None for auto, () for none, else names."""
+def parse_guides(value: str) -> Guides:
+    """Parse the text of `--guides`: None for auto, () for none, else how many or names, as for `--views`."""
     if value == "auto":
         return None
+    if value.isdecimal() and len(value) <= LONGEST_NUMBER:
+        return Spread(int(value))
     return () if value == "none" else _names(value)
 
 

@@ -23,3 +23,5 @@ class All:
 
 
 Selection = tuple[int | str, ...] | Spread | Auto | All
+Guides = tuple[int | str, ...] | Spread | None
+"""Which photographs guide: those that are named, at most so many, or None for as many as are of use."""

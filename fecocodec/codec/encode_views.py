@@ -44,14 +44,13 @@ def read_photographs(
     """
     colour, masks = options.background, options.masks
     views, taught, kept_back = read_unbounded(context, colour, masks), None, None
+    are_named = isinstance(options.guides, tuple)
     if guides is not None:
-        taught = read_others(
-            guides, background=colour, masks=masks, on_left_out=None if options.guides else messages.omit
-        )
+        taught = read_others(guides, background=colour, masks=masks, on_left_out=None if are_named else messages.omit)
     if checks is not None:
         kept_back = read_others(checks, background=colour, masks=masks, on_left_out=messages.omit)
     if taught is not None:
-        taught = _alike(taught, views, messages.refuse if options.guides else messages.omit)
+        taught = _alike(taught, views, messages.refuse if are_named else messages.omit)
     if kept_back is not None:
         kept_back = _alike(kept_back, views, messages.omit)
     parts = [part for part in (views, taught, kept_back) if part is not None]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from fecocodec.captures.view_selection import All, Selection
+from fecocodec.captures.view_selection import All, Guides, Selection
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
@@ -21,8 +21,8 @@ class EncodingOptions:
     lmbda, num_stages, effort, sharpness, device, model: as for `encode`. target: None encodes at `lmbda`.
     views: which photographs are coded: as for `read_views`, or `Spread`, `Auto` or `All`; None for all of up to four,
     else as many as cover the others. guides: which of the others teach the sender: None for up to 24 that overlap with
-    the coded ones, () for none, or as for `views`. num_checks: how many are left out and only measured, so that the
-    quality of new views is known; None for one in ten, from six photographs on.
+    the coded ones, `Spread` for up to so many of them, () for none, or names as for `views`. num_checks: how many are
+    left out and only measured, so that the quality of new views is known; None for one in ten, from six photographs on.
     size, near, far, background, masks: as for `read_views`. metadata: stored in the file. num_frames: frames to take
     from a video, None for 40 or all of fewer. frames_folder: empty folder that keeps those with a camera. focal_px: as
     for `posed_folder`. is_strict: raise StrictError at the first warning. is_measured: decode the file and measure it;
@@ -32,7 +32,7 @@ class EncodingOptions:
     lmbda: float = 1e-3
     target: Target | None = None
     views: Selection | None = None
-    guides: tuple[int | str, ...] | None = None
+    guides: Guides = None
     num_checks: int | None = None
     size: tuple[int, int] | None = None
     near: float | None = None
@@ -66,8 +66,8 @@ class EncodingOptions:
             raise OptionError("a PSNR of new views is measured on `checks`, and there are none; give a number of them.")
         if self.sharpness != 0.0 and self.effort == "fast":
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
-        if isinstance(self.guides, str):
-            raise OptionError(f"`guides` is the text '{self.guides}'; give a tuple of names, or () for none.")
+        if isinstance(self.guides, str | int):
+            raise OptionError(f"`guides` is {self.guides!r}; give a tuple of names, a `Spread`, or () for none.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):
             raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
 

@@ -21,7 +21,7 @@ from fecocodec.camera_files.posed_photographs import (
 )
 from fecocodec.captures.reading_notes import omission_notes, passed_over_notes, without_copies
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
-from fecocodec.captures.view_selection import All, Selection, Spread
+from fecocodec.captures.view_selection import All, Guides, Selection, Spread
 from fecocodec.captures.view_spread import (
     Overlap,
     is_duplicate,
@@ -70,7 +70,7 @@ def choose_roles(
     scene: PosedPhotographs,
     folder: Path,
     views: Selection | None,
-    guides: tuple[int | str, ...] | None = None,
+    guides: Guides = None,
     num_checks: int | None = None,
     size: tuple[int, int] | None = None,
     *,
@@ -78,13 +78,13 @@ def choose_roles(
 ) -> Roles:
     """Return the roles of the photographs of a scene. Frames without an image or a usable camera have none.
 
-    views: which are coded; None for all of up to four, else those that `decide` returns. guides: None chooses them, ()
-    is for none. num_checks: None for one in ten, from six photographs on. size: (height, width) of the coded views,
-    None for the most frequent size.
+    views: which are coded; None for all of up to four, else those that `decide` returns. guides: None chooses them,
+    `Spread` at most so many, () is for none. num_checks: None for one in ten, from six photographs on. size: (height,
+    width) of the coded views, None for the most frequent size.
     Raises InputError for named photographs that do not exist or cannot be used, if none can be used, and for more
     checks or views than there are.
     """
-    photographs = scene.photographs
+    photographs, guides = scene.photographs, () if guides == Spread(0) else guides
     named, taught = _named(photographs, folder, views, guides)
     available = [index for index, photograph in enumerate(photographs) if is_usable(photograph)]
     if not available:
@@ -106,7 +106,7 @@ def _roles(
     folder: Path,
     available: list[int],
     coded: tuple[Selection | None, list[int]],
-    teaching: tuple[tuple[int | str, ...] | None, list[int]],
+    teaching: tuple[Guides, list[int]],
     num_checks: int | None,
     size: tuple[int, int] | None,
     decide: Decide,
@@ -120,7 +120,7 @@ def _roles(
     if isinstance(views, Spread):
         with error_context(folder):
             require_count(views.count, count)
-    if guides is None and views is None and count < LEAST_FOR_CHOICE:
+    if not isinstance(guides, tuple) and views is None and count < LEAST_FOR_CHOICE:
         guides = ()
     rest = [index for index in available if index not in {*named, *taught}]
     wanted = default_checks(count) if num_checks is None else num_checks
@@ -157,10 +157,11 @@ def _roles(
         context = _unguided(scene, folder, views, usable, decide)
     else:
         context = _covering(overlap, pinholes, usable, views, size, lambda order, of: decide(order, [*of, *taught]))
-    if guides is None:
+    if not isinstance(guides, tuple):
+        most = MAX_GUIDES if guides is None else guides.count
         others = [index for index in usable if index not in context]
         apart = [index for index in others if not is_duplicate(overlap[index, context], baseline[index, context])]
-        taught = sorted(k_centres(overlap, context, within_reach(overlap, apart, context), MAX_GUIDES))
+        taught = sorted(k_centres(overlap, context, within_reach(overlap, apart, context), most))
     checks = within_reach(near, checks, context)
     num_unused = count - len(context) - len(taught) - len(checks) - len(problems)
     return Roles(context, taught, checks, num_unused, omissions)
@@ -170,14 +171,14 @@ def _named(
     photographs: list[PosedPhotograph],
     folder: Path,
     views: Selection | None,
-    guides: tuple[int | str, ...] | None,
+    guides: Guides,
 ) -> tuple[list[int], list[int]]:
     """Return the named coded photographs and guides. Raises InputError if one does not exist, or is both."""
     named = list[int]()
     if isinstance(views, tuple):
         require_usable(choose_views(photographs, views, folder))
         named = view_indices(photographs, views, folder)
-    taught = view_indices(photographs, guides, folder, "guides") if guides else []
+    taught = view_indices(photographs, guides, folder, "guides") if isinstance(guides, tuple) else []
     require_usable([photographs[index] for index in taught])
     for index in set(named) & set(taught):
         name = photographs[index].path.name

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from fecocodec.batch.encode_scene import EncodeScene
 from fecocodec.batch.run import run_batch, write_summary
 from fecocodec.batch.scenes import BatchScene
 from fecocodec.batch.sidecar import Outcome
+from fecocodec.captures.view_selection import Spread
+from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import OutputError
 from tests.batch.works import Reverse
 
@@ -54,6 +57,11 @@ def test_other_options_or_weights_redo_all(texts, output: Path, work: Reverse) -
     scenes = texts(a="abc", b="def")
     run(scenes, output)
     assert statuses(run(scenes, output, work)) == {"a": "done", "b": "done"}
+
+
+def test_a_record_tells_a_number_of_guides_from_the_name_of_one() -> None:
+    records = [EncodeScene(EncodingOptions(guides=guides)).options() for guides in (None, (), ("4",), Spread(4))]
+    assert [json.dumps(record["guides"]) for record in records] == ["null", "[]", '["4"]', '{"Spread": {"count": 4}}']
 
 
 def test_a_renamed_photograph_is_a_change(texts, output: Path) -> None:

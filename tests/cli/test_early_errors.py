@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 import pytest
-from fecosplat_cli.options import parse_selection
+from fecosplat_cli.options import parse_guides, parse_selection
 from fecosplat_cli.output import in_options, warn
 
 from fecocodec.captures.view_selection import Spread
@@ -154,6 +154,8 @@ def test_texts_of_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     context, option = click.Context(click.Command("encode")), click.Option(["--views"])
     assert parse_selection(context, option, r"a\,b.jpg, 2.jpg") == ("a,b.jpg", "2.jpg")
     assert parse_selection(context, option, "7,") == ("7",) and parse_selection(context, option, "7") == Spread(7)
+    guides = {text: parse_guides(context, option, text) for text in ("auto", "none", "4", "4,", "a.jpg,5")}
+    assert list(guides.values()) == [None, (), Spread(4), ("4",), ("a.jpg", "5")]
     for text in (",", ",7", "7,,"):
         with pytest.raises(click.BadParameter, match="names an empty view"):
             parse_selection(context, option, text)

@@ -113,9 +113,10 @@ def test_options_that_exclude_each_other_are_refused_at_once() -> None:
     with pytest.raises(OptionError, match="has no rate control"):
         EncodingOptions(target=AtMostKib(8.0), num_stages=1)
     options = EncodingOptions()
-    object.__setattr__(options, "guides", "none")  # tests check types at calls, users do not
-    with pytest.raises(OptionError, match=r"`guides` is the text 'none'; give a tuple of names, or \(\) for none"):
-        options.__post_init__()
+    for guides in ("none", 4):
+        object.__setattr__(options, "guides", guides)  # tests check types at calls, users do not
+        with pytest.raises(OptionError, match=rf"`guides` is {guides!r}; give a tuple of names, a `Spread`, or \(\) f"):
+            options.__post_init__()
     with pytest.raises(OptionError, match="needs the steps"):
         EncodingOptions(effort="fast", sharpness=0.5)
     with pytest.raises(OptionError, match="measured on `checks`, and there are none"):
@@ -216,6 +217,8 @@ def test_a_broken_guide_is_left_out_unless_it_is_named(seven: Path, shipped: Enc
     with pytest.raises(StrictError) as refused:
         encode_folder(broken, replace(named, is_strict=True))
     assert "3.png" not in str(refused.value)  # others take its place
+    assert len(encode_folder(broken, replace(named, guides=Spread(5))).guides.names) == 4  # a count names none
+    assert len(encode_folder(seven, replace(named, guides=Spread(2))).guides.names) == 2
     with pytest.raises(InputError, match=rf"^{broken / '3.png'}"):
         encode_folder(broken, replace(named, guides=(2, 3)))
 

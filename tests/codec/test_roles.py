@@ -119,6 +119,17 @@ def test_named_guides_guide_alone(walk: MakeWalk) -> None:
         choose_roles(walk(6), FOLDER, None, (0, 1, 2, 3, 4, 5))
 
 
+def test_so_many_guide_at_most(walk: MakeWalk) -> None:
+    scene = walk(40, step=0.08)
+    named = lambda guides: choose_roles(scene, FOLDER, (0, 20), guides, 2)  # noqa: E731
+    chosen, few = named(None).guides, named(Spread(3)).guides
+    assert len(few) == 3 and set(few) < set(chosen) and named(Spread(MAX_GUIDES)).guides == chosen
+    assert len(named(Spread(30)).guides) == 30  # the bound is the user's
+    assert named(Spread(0)) == named(())
+    assert choose_roles(walk(4), FOLDER, None, Spread(2)) == choose_roles(walk(4), FOLDER, None)
+    assert len(choose_roles(walk(20, step=0.2), FOLDER, None, Spread(4)).guides) == 4
+
+
 def test_what_cannot_be_used_is_left_out_unless_it_is_named(walk: MakeWalk) -> None:
     scene = walk(8)
     scene.photographs[3].path.write_bytes(b"no image")
