@@ -3,6 +3,7 @@
 import filecmp
 import os
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -69,13 +70,21 @@ def _passed_over(scene: PosedPhotographs, cause: str, names: list[str]) -> str:
     return f"{count} cameras of {scene.cameras_name} {are} passed over ({some_of(names, MOST_NAMED)}): {cause}"
 
 
-def omission_notes(photographs: list[PosedPhotograph], problems: dict[int, str]) -> tuple[str, ...]:
-    """Return a sentence that names photographs that cannot be used, with the reason of the first one."""
-    if not problems:
-        return ()
-    names = [photographs[index].path.name for index in problems]
-    first = next(iter(problems.values())).removesuffix(".")
-    return (f"left out {some_of(names)}, which cannot be used: {first}.",)
+def omission_notes(
+    photographs: Sequence[PosedPhotograph], names: Sequence[str], problems: Mapping[int, str]
+) -> tuple[str, ...]:
+    """Return a sentence for each cause for which photographs cannot be used, with their names.
+
+    names: of all photographs. problems: messages of errors, by the index of the photograph.
+    """
+    names_of: dict[str, list[str]] = {}
+    for index, problem in problems.items():
+        cause = problem.removeprefix(f"{photographs[index].path}: ").removeprefix(photographs[index].place)
+        names_of.setdefault(cause.lstrip(":, "), []).append(names[index])
+    return tuple(
+        f"{some_of(named, MOST_NAMED)} {'is' if len(named) == 1 else 'are'} left out: {cause}"
+        for cause, named in names_of.items()
+    )
 
 
 def unposed_notes(scene: PosedPhotographs) -> list[str]:

@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
+from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs, distinct_names
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
-from fecocodec.captures.reading_notes import light_remarks, mask_remarks, unmasked_remarks
+from fecocodec.captures.reading_notes import light_remarks, mask_remarks, omission_notes, unmasked_remarks
 from fecocodec.captures.view_selection import Selection
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
@@ -85,23 +85,26 @@ def read_others(
 ) -> Views | None:
     """Read photographs that are not coded; near and far of their cameras are NaN. Returns None if none is left.
 
-    on_left_out: called with a sentence for each photograph that cannot be read; None raises InputError.
+    on_left_out: called with a sentence for each cause for which photographs cannot be read; None raises InputError.
     """
-    read = list[Views]()
-    for index, name in enumerate(chosen.names):
+    read, problems = list[Views](), dict[int, str]()
+    for index in range(len(chosen.names)):
         try:
             read.append(read_unbounded(chosen.select([index]), background, masks))
         except InputError as error:
             if on_left_out is None:
                 raise
-            on_left_out(f"left out {name}, which cannot be used: {str(error).removesuffix('.')}.")
+            problems[index] = str(error)
+    for sentence in omission_notes(chosen.photographs, chosen.names, problems):
+        if on_left_out is not None:
+            on_left_out(sentence)
     return joined(read) if read else None
 
 
-def with_problems(scene: PosedPhotographs, indices: list[int], *, are_told: bool = False) -> PosedPhotographs:
+def with_problems(scene: PosedPhotographs, indices: list[int], on_left_out: Callable[[str], None]) -> PosedPhotographs:
     """Return the scene with the problem of each of these photographs that cannot be read; the same one if all can.
 
-    are_told: whether the user was told of them.
+    on_left_out: as for `read_others`.
     """
     problems = dict[int, str]()
     for index in indices:
@@ -111,8 +114,11 @@ def with_problems(scene: PosedPhotographs, indices: list[int], *, are_told: bool
             problems[index] = str(error)
     if not problems:
         return scene
+    names = distinct_names([photograph.path for photograph in scene.photographs])
+    for sentence in omission_notes(scene.photographs, names, problems):
+        on_left_out(sentence)
     photographs = [
-        replace(photograph, problem=problems[index], is_told=are_told) if index in problems else photograph
+        replace(photograph, problem=problems[index], is_told=True) if index in problems else photograph
         for index, photograph in enumerate(scene.photographs)
     ]
     return replace(scene, photographs=photographs)

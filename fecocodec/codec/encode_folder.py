@@ -165,11 +165,13 @@ def _read(
     Others replace checks that cannot be read, if none is left, and coded views that are not named.
     """
 
+    counted: list[str] = []
+
     def decide(order: list[int], others: list[int]) -> list[int]:
         from fecocodec.codec.view_count import coded_views  # it loads torch
 
         on_progress("choosing views", 0.0)
-        return coded_views(scene, options, messages.note, order, others)
+        return coded_views(scene, options, counted.append, order, others)
 
     roles = choose_roles(
         scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
@@ -178,6 +180,7 @@ def _read(
     for sentence in roles.omissions:
         messages.omit(sentence)
     chosen = _framed(scene, roles, options, messages)
+    messages.note(*counted)
 
     from fecocodec.captures.scene_folder import with_problems
     from fecocodec.codec.encode_views import read_photographs
@@ -187,11 +190,11 @@ def _read(
     try:
         found = read_photographs(*chosen, options, messages)
     except InputError:
-        readable = scene if isinstance(options.views, tuple) else with_problems(scene, roles.context)
+        readable = scene if isinstance(options.views, tuple) else with_problems(scene, roles.context, messages.omit)
         if readable is scene:
             raise
     else:
-        readable = with_problems(scene, roles.checks, are_told=True) if found.checks is None else scene
+        readable = with_problems(scene, roles.checks, messages.omit) if found.checks is None else scene
         if readable is scene:
             return roles, found
     return _read(readable, options, messages, on_progress)

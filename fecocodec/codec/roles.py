@@ -14,6 +14,7 @@ import numpy as np
 from fecocodec.camera_files.posed_photographs import (
     PosedPhotograph,
     PosedPhotographs,
+    distinct_names,
     require_float32_range,
     require_usable,
     rigid_pose,
@@ -50,8 +51,8 @@ LEAST_FOR_CHOICE = 5  # photographs; of fewer, all are coded
 class Roles:
     """Indices of the photographs of a scene by what they are for, in ascending order unless they were named.
 
-    num_unused: photographs that overlap too little with the coded ones, or teach nothing more. omissions: a sentence
-    for photographs that cannot be used. warnings: the same for frames without an image or a usable camera.
+    num_unused: photographs that overlap too little with the coded ones, or teach nothing more. omissions: sentences
+    on photographs that cannot be used. warnings: the same for frames without an image or a usable camera.
     """
 
     context: list[int]
@@ -131,7 +132,8 @@ def _roles(
     if not pinholes and not named:
         nothing_left = f"{folder}: no photograph is left to be coded; name fewer in `guides`."
         raise InputError(next(iter(problems.values()), nothing_left))
-    usable, omissions = list(pinholes), omission_notes(photographs, problems)
+    names = distinct_names([photograph.path for photograph in photographs])
+    usable, omissions = list(pinholes), omission_notes(photographs, names, problems)
     if isinstance(views, All):
         choose_views([photographs[index] for index in usable], tuple(range(len(usable))), folder)
         return Roles(usable, [], [], 0, omissions)

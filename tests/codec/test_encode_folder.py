@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -211,7 +212,7 @@ def test_a_broken_guide_is_left_out_unless_it_is_named(seven: Path, shipped: Enc
     png = (seven / "3.png").read_bytes()
     broken = copied(seven, tmp_path / "scene", "3.png", png[: len(png) // 2])  # its header is whole
     report = encode_folder(broken, named)
-    sentence = f"left out 3.png, which cannot be used: {broken / '3.png'}"
+    sentence = "3.png is left out: the image is damaged, cut short or"
     assert report.guides.names == ("2.png", "4.png", "5.png", "6.png")
     assert any(warning.startswith(sentence) for warning in report.warnings)
     with pytest.raises(StrictError) as refused:
@@ -233,7 +234,11 @@ def test_another_photograph_takes_the_place_of_a_broken_one(
     report = encode_folder(broken, options)
     assert len(report.names) == 2 and second not in (*report.names, *report.guides.names)
     (warning,) = (warning for warning in report.warnings if second in warning)
-    assert warning.startswith(f"1 of 7 cameras of transforms.json is passed over ({second}): {broken / second}: ")
+    assert warning.startswith(f"{second} is left out: the image is damaged, cut short or")
+    notes: list[str] = []
+    with suppress(StrictError):  # of another warning
+        encode_folder(broken, replace(options, is_strict=True), on_note=notes.append)
+    assert warning in notes
     with pytest.raises(InputError, match=rf"^{broken / second}: the image is damaged"):
         encode_folder(broken, replace(options, views=(first, second)))
 
@@ -248,14 +253,25 @@ def test_a_broken_photograph_among_few_is_left_out_unless_it_is_named(
         broken = copied(folder, tmp_path / str(number), "1.png", data)
         report = encode_folder(broken, options)
         assert report.names == ("0.png",)
-        assert any(
-            f"{broken / '1.png'}: the image is damaged, cut short or" in sentence for sentence in report.warnings
-        )
+        (warning,) = (sentence for sentence in report.warnings if "1.png" in sentence)
+        assert warning.startswith("1.png is left out: the image is damaged, cut short or")
         with pytest.raises(InputError, match=rf"^{broken / '1.png'}: the image is damaged"):
             encode_folder(broken, replace(options, views=(0, 1)))
         (broken / "0.png").write_bytes(data + b" ")
         with pytest.raises(InputError, match=rf"^{broken / '0.png'}: the image is damaged"):
             encode_folder(broken, options)
+
+
+def test_what_was_read_is_said_before_how_many_are_coded(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
+    cameras = json.loads((seven / "transforms.json").read_text())
+    cameras["frames"].append({**cameras["frames"][0], "file_path": "absent.png"})
+    folder = copied(seven, tmp_path / "scene", "transforms.json", json.dumps(cameras).encode())
+    said: list[str] = []
+    options = replace(shipped, is_measured=False)
+    encode_folder(folder, options, on_note=said.append, on_warning=said.append)
+    (missing,) = (place for place, sentence in enumerate(said) if "absent.png" in sentence)
+    (counted,) = (place for place, sentence in enumerate(said) if " photographs are coded; " in sentence)
+    assert missing < counted
 
 
 def test_another_check_takes_the_place_of_a_broken_one(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
@@ -265,7 +281,7 @@ def test_another_check_takes_the_place_of_a_broken_one(seven: Path, shipped: Enc
     report = encode_folder(copied(seven, tmp_path / "scene", check, png[: len(png) // 2]), options)
     assert len(report.checks.names) == 1 and check not in (*report.checks.names, *report.guides.names)
     (warning,) = (warning for warning in report.warnings if check in warning)
-    assert warning.startswith(f"left out {check}, which cannot be used: ")
+    assert warning.startswith(f"{check} is left out: the image is damaged, cut short or")
 
 
 def test_opaque_guides_do_not_teach_cut_outs(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:

@@ -138,8 +138,9 @@ def test_what_cannot_be_used_is_left_out_unless_it_is_named(walk: MakeWalk) -> N
     scene.photographs[5] = replace(scene.photographs[5], camera_to_world=bent)
     roles = choose_roles(scene, FOLDER, None)
     assert not {3, 5} & set(every(roles))
-    (sentence,) = roles.omissions
-    assert sentence.startswith("left out 003.png, 005.png, which cannot be used: ") and sentence.endswith(".")
+    of_image, of_camera = roles.omissions
+    assert of_image.startswith("003.png is left out: the image is damaged, cut short") and of_image.endswith(".")
+    assert of_camera.startswith("005.png is left out: ") and "frame 5" not in of_camera
     assert choose_roles(scene, FOLDER, (0, 3), (1, 5), 0).context == [0, 3]  # reading them reports what is wrong
 
 
