@@ -127,7 +127,7 @@ def encode_views(
             encode_to_target,
             target=options.target,
             checks=checks,
-            on_lambda=lambda lmbda: messages.note(f"lambda {lmbda:.3g} reaches the target."),
+            on_lambda=lambda lmbda: messages.note(f"lambda {lmbda:.3g} reaches the target of {options.target}."),
         )
     with error_context(messages.path, (InputError,)):
         data = coder(

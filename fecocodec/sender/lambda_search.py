@@ -18,6 +18,10 @@ class AtMostKib:
         """Raise InputError for a size that no file can have."""
         _require_positive(self.kib, "KiB")
 
+    def __str__(self) -> str:
+        """Return the target for messages."""
+        return f"{self.kib:g} KiB"
+
 
 @dataclass(frozen=True)
 class AtLeastPsnr:
@@ -29,6 +33,10 @@ class AtLeastPsnr:
         """Raise InputError for a quality that no file can have."""
         _require_positive(self.psnr, "dB")
 
+    def __str__(self) -> str:
+        """Return the target for messages."""
+        return f"{self.psnr:g} dB"
+
 
 @dataclass(frozen=True)
 class AtLeastNewPsnr(AtLeastPsnr):
@@ -36,6 +44,10 @@ class AtLeastNewPsnr(AtLeastPsnr):
 
     They choose lambda, and nothing else; what is measured on them is then fitted.
     """
+
+    def __str__(self) -> str:
+        """Return the target for messages."""
+        return f"{self.psnr:g} dB at new views"
 
 
 Target = AtMostKib | AtLeastPsnr

@@ -129,7 +129,7 @@ def search(
     fast: list[Point] = []
     lambda_q = FIRST_LAMBDA_Q
     for number in range(NUM_FAST_ENCODINGS):
-        report = _reporter(on_progress, f"estimating lambda, try {number + 1}", number, num_steps)
+        report = _reporter(on_progress, f"estimating lambda for {target}, try {number + 1}", number, num_steps)
         fast.append(_expected(_point(encoder(lambda_q, FAST, report), target), target, num_steps))
         lambda_q = next_lambda_q(fast)
         if any(abs(point.lambda_q - lambda_q) <= NEARBY_LAMBDA_Q for point in fast):
@@ -139,7 +139,8 @@ def search(
         _require_reachable(full, target, config, names)
         number = len(full)
         of_most = f" of up to {NUM_FULL_ENCODINGS}" if number < NUM_FULL_ENCODINGS else ""
-        report = _reporter(on_progress, f"attempt {number + 1}{of_most}", NUM_FAST_ENCODINGS + number, num_steps)
+        task = f"attempt {number + 1}{of_most} at {target}"
+        report = _reporter(on_progress, task, NUM_FAST_ENCODINGS + number, num_steps)
         full.append(encoder(lambda_q, config, report))
         lambda_q = next_lambda_q(fast, [_point(attempt, target) for attempt in full])
     return _best(full, target)

@@ -107,6 +107,18 @@ def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: st
         search(Curve(0.0), target, DEFAULT, DEFAULT.num_steps, NAMES, quiet)
 
 
+@pytest.mark.parametrize(
+    ("target", "text"),
+    [(AtMostKib(8.0), "8 KiB"), (AtLeastPsnr(28.5), "28.5 dB"), (AtLeastNewPsnr(24.0), "24 dB at new views")],
+)
+def test_the_target_is_named(target: Target, text: str) -> None:
+    assert str(target) == text
+    tasks = list[str]()
+    search(Curve(0.0), target, DEFAULT, DEFAULT.num_steps, NAMES, lambda task, _fraction: tasks.append(task))
+    assert tasks[0] == f"estimating lambda for {text}, try 1, coding stage 1"
+    assert f"attempt 1 of up to 3 at {text}, coding stage 2" in tasks
+
+
 @pytest.fixture(scope="module")
 def views() -> Views:
     return example_views(2)
@@ -168,8 +180,8 @@ def test_progress_covers_each_encoding(num_steps: int) -> None:
     reports: list[tuple[str, float]] = []
     target = AtMostKib(8.0)
     search(Curve(0.003), target, DEFAULT, num_steps, NAMES, lambda task, fraction: reports.append((task, fraction)))
-    assert reports[0][0] == "estimating lambda, try 1, coding stage 1"
-    assert "attempt 1 of up to 3, coding stage 2" in [task for task, _ in reports]
+    assert reports[0][0] == "estimating lambda for 8 KiB, try 1, coding stage 1"
+    assert "attempt 1 of up to 3 at 8 KiB, coding stage 2" in [task for task, _ in reports]
     fractions = [fraction for _, fraction in reports]
     assert fractions == sorted(fractions) and fractions[0] > 0.0 and fractions[-1] <= 1.0
     first_of_full = next(fraction for task, fraction in reports if task.startswith("attempt 1"))
