@@ -12,6 +12,7 @@ from fecocodec.captures.view_selection import Auto, Spread
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES
 from fecocodec.container import StreamSummary, inspect
+from fecocodec.errors import some_of
 from fecocodec.limits import DEFAULT_MAX_PIXELS
 from fecocodec.sender.view_quality import DecodedQuality, photographs
 
@@ -190,6 +191,8 @@ def roles_note(report: "EncodingReport", *, is_chosen: bool) -> str:
         (report.num_unused, "is not used", "are not used"),
     )
     others = [f"{count} {one if count == 1 else more}" for count, one, more in counts if count]
+    if reasons := "; ".join(f"{reason}: {some_of(names)}" for reason, names in report.unused.items()):
+        others[-1] += f" ({in_options(reasons)})"
     if not others:
         return ""
     coded = f"coded views: {', '.join(report.names)}; " if is_chosen else ""

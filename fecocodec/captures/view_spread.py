@@ -1,6 +1,7 @@
 """Choose views of a capture by the overlap of their cameras: far apart with a minimum overlap, a few that cover all."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -96,6 +97,16 @@ def overlaps_and_baselines(
     intrinsics = np.tile(_typical_intrinsics(scene), (len(poses), 1, 1))
     overlap = covisibility_estimate(poses, intrinsics, near, far)
     return overlap, distance * (1 / near + 1 / far) / 2
+
+
+def overlaps_among(scene: PosedPhotographs, indices: list[int]) -> tuple[Overlap, Overlap]:
+    """Return the overlaps and baselines of these photographs, in matrices of all photographs that are 0 elsewhere."""
+    of_all = np.zeros((2, len(scene.photographs), len(scene.photographs)))
+    if indices:
+        within = replace(scene, photographs=[scene.photographs[index] for index in indices])
+        rows, columns = np.ix_(indices, indices)
+        of_all[:, rows, columns] = overlaps_and_baselines(within)
+    return of_all[0], of_all[1]
 
 
 def known_depth_bounds(scene: PosedPhotographs) -> tuple[float, float] | None:

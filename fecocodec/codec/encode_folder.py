@@ -3,7 +3,7 @@
 What cameras and headers of images tell is reported before torch is loaded, and before any pixel is read.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from fecocodec.camera_files.find import read_cameras
-from fecocodec.camera_files.posed_photographs import PosedPhotographs
+from fecocodec.camera_files.posed_photographs import PosedPhotographs, distinct_names
 from fecocodec.captures.archives import is_archive, unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
@@ -55,9 +55,10 @@ class EncodingReport:
     data: bytes of the `.fcs` file. names: of the coded views. quality: of these, decoded from `data`, after each stage;
     empty if it was not measured. guides: what the sender learned from. checks: what it never saw; their quality is that
     of new views. left_out: quality of coded views without their own Gaussians, where there is one check or none; None
-    if it was not measured, or no view shows what another one does. num_unused: further photographs. is_fitted: whether
-    lambda was chosen by the checks. notes, warnings: one sentence each. seconds: time taken. save_cameras: writes the
-    cameras that were estimated as `transforms.json`, see `PosedFolder.save_cameras`; None if cameras were given.
+    if it was not measured, or no view shows what another one does. unused: names of the rest, by the reason for it.
+    is_fitted: whether lambda was chosen by the checks. notes, warnings: one sentence each. seconds: time taken.
+    save_cameras: writes the cameras that were estimated as `transforms.json`, see `PosedFolder.save_cameras`; None if
+    cameras were given.
     """
 
     data: bytes
@@ -66,12 +67,17 @@ class EncodingReport:
     guides: OtherViews
     checks: OtherViews
     left_out: LeftOutQuality | None
-    num_unused: int
+    unused: Mapping[str, tuple[str, ...]]
     is_fitted: bool
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     seconds: float
     save_cameras: Callable[..., None] | None
+
+    @property
+    def num_unused(self) -> int:
+        """Number of photographs that are not used."""
+        return sum(map(len, self.unused.values()))
 
 
 def encode_folder(
@@ -134,13 +140,14 @@ def encode_folder(
         if checks is None or len(checks.names) == 1:
             left_out = measure_left_out(data, views, device=device, model=model)
         if checks is not None and of_checks is not None:
-            is_any_left = guides is not None or roles.num_unused > 0
+            is_any_left = guides is not None or len(roles.unused) > 0
             count = len(views.names)
             messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort))
         elif poor := quality_warnings(quality[-1], views.names, options.effort):
             messages.warn(*poor)
         elif left_out is not None and is_shipped(read_header(data).header.model_id):
             messages.warn(*left_out_warnings(left_out, views.names))
+    name_of = distinct_names([photograph.path for photograph in scene.photographs])
     return EncodingReport(
         data,
         views.names,
@@ -148,7 +155,7 @@ def encode_folder(
         OtherViews(() if guides is None else guides.names, of_guides),
         OtherViews(() if checks is None else checks.names, of_checks),
         left_out,
-        roles.num_unused,
+        {reason: tuple(name_of[index] for index in of) for reason, of in roles.unused.items()},
         isinstance(options.target, AtLeastNewPsnr),
         tuple(messages.notes),
         tuple(messages.warnings),

@@ -6,10 +6,8 @@ decoded file is measured at them: their PSNR is that of new views.
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-
-import numpy as np
 
 from fecocodec.camera_files.posed_photographs import (
     PosedPhotograph,
@@ -25,22 +23,21 @@ from fecocodec.captures.view_choice import choose_views, is_usable, no_view, vie
 from fecocodec.captures.view_selection import All, Guides, Selection, Spread
 from fecocodec.captures.view_spread import (
     Overlap,
-    is_duplicate,
     k_centres,
     overlapping_views,
-    overlaps_and_baselines,
+    overlaps_among,
     require_count,
     spread_over,
     spread_views,
     with_neighbours,
     within_reach,
 )
+from fecocodec.codec.guide_choice import COPY, NO_GUIDES, NOT_NAMED, chosen_guides, reasons
 from fecocodec.errors import InputError, error_context
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import MIN_KEPT_AREA, kept_share
 from fecocodec.photographs.lens import Lens
 
-MAX_GUIDES = 24
 MAX_CHECKS = 8
 LEAST_FOR_CHECKS = 6  # photographs, of which one is left out to measure
 PHOTOGRAPHS_OF_CHECK = 10
@@ -51,14 +48,14 @@ LEAST_FOR_CHOICE = 5  # photographs; of fewer, all are coded
 class Roles:
     """Indices of the photographs of a scene by what they are for, in ascending order unless they were named.
 
-    num_unused: photographs that overlap too little with the coded ones, or teach nothing more. omissions: sentences
-    on photographs that cannot be used. warnings: the same for frames without an image or a usable camera.
+    unused: photographs that have none of these roles, by the reason for it. omissions: sentences on photographs that
+    cannot be used. warnings: the same for frames without an image or a usable camera.
     """
 
     context: list[int]
     guides: list[int]
     checks: list[int]
-    num_unused: int = 0
+    unused: dict[str, list[int]] = field(default_factory=dict)
     omissions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -98,7 +95,8 @@ def choose_roles(
     available = [index for index in available if index in chosen or id(photographs[index]) in own]
     found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size, decide)
     if named:
-        return replace(found, num_unused=found.num_unused + len(order) - len(available))
+        left_out = [index for index in order if index not in available]
+        return replace(found, unused={**found.unused, COPY: left_out}) if left_out else found
     return replace(found, warnings=(*passed_over, *copies))
 
 
@@ -126,7 +124,7 @@ def _roles(
     rest = [index for index in available if index not in {*named, *taught}]
     wanted = default_checks(count) if num_checks is None else num_checks
     if named and wanted == 0 and (guides == () or taught):
-        return Roles(named, taught, [], len(rest))
+        return Roles(named, taught, [], {NOT_NAMED if taught else NO_GUIDES: rest} if rest else {})
 
     pinholes, problems = usable_cameras(photographs, rest)
     if not pinholes and not named:
@@ -136,11 +134,12 @@ def _roles(
     usable, omissions = list(pinholes), omission_notes(photographs, names, problems)
     if isinstance(views, All):
         choose_views([photographs[index] for index in usable], tuple(range(len(usable))), folder)
-        return Roles(usable, [], [], 0, omissions)
+        return Roles(usable, [], [], {}, omissions)
     if wanted == 0 and guides == ():
         context = _unguided(scene, folder, views, usable, decide)
-        return Roles(context, [], [], len(usable) - len(context), omissions)
-    overlap, baseline = near, _ = _overlaps(scene, [*named, *taught, *usable])
+        unused = [index for index in usable if index not in context]
+        return Roles(context, [], [], {NO_GUIDES: unused} if unused else {}, omissions)
+    overlap, baseline = near, _ = overlaps_among(scene, [*named, *taught, *usable])
     needed = 0 if named else views.count if isinstance(views, Spread) else 2
     spare = max(0, len(usable) - needed)
     if num_checks is not None and num_checks > spare:
@@ -152,7 +151,7 @@ def _roles(
     rest, usable = ([index for index in indices if index not in checks] for indices in (rest, usable))
 
     if checks and (scene.near is None or scene.far is None):  # then checks would set the bounds of depth
-        overlap, baseline = _overlaps(scene, [*named, *taught, *usable])
+        overlap, baseline = overlaps_among(scene, [*named, *taught, *usable])
     if named:
         context = named
     elif guides == ():
@@ -160,13 +159,12 @@ def _roles(
     else:
         context = _covering(overlap, pinholes, usable, views, size, lambda order, of: decide(order, [*of, *taught]))
     if not isinstance(guides, tuple):
-        most = MAX_GUIDES if guides is None else guides.count
         others = [index for index in usable if index not in context]
-        apart = [index for index in others if not is_duplicate(overlap[index, context], baseline[index, context])]
-        taught = sorted(k_centres(overlap, context, within_reach(overlap, apart, context), most))
+        taught = chosen_guides(overlap, baseline, context, others, guides)
     checks = within_reach(near, checks, context)
-    num_unused = count - len(context) - len(taught) - len(checks) - len(problems)
-    return Roles(context, taught, checks, num_unused, omissions)
+    used = {*context, *taught, *checks, *problems}
+    unused = [index for index in available if index not in used]
+    return Roles(context, taught, checks, reasons(overlap, baseline, context, unused, guides), omissions)
 
 
 def _named(
@@ -234,16 +232,6 @@ def usable_cameras(photographs: list[PosedPhotograph], indices: list[int]) -> tu
         except InputError as error:
             problems[index] = str(error)
     return pinholes, problems
-
-
-def _overlaps(scene: PosedPhotographs, indices: list[int]) -> tuple[Overlap, Overlap]:
-    """Return the overlaps and baselines of these photographs, in matrices of all photographs that are 0 elsewhere."""
-    within = replace(scene, photographs=[scene.photographs[index] for index in indices])
-    of_all = np.zeros((2, len(scene.photographs), len(scene.photographs)))
-    if indices:
-        rows, columns = np.ix_(indices, indices)
-        of_all[:, rows, columns] = overlaps_and_baselines(within)
-    return of_all[0], of_all[1]
 
 
 def _of_one_shape(pinholes: dict[int, Lens], indices: list[int], size: tuple[int, int] | None) -> list[int]:

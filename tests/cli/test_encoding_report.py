@@ -30,7 +30,7 @@ def report(names: tuple[str, ...], quality: tuple[DecodedQuality, ...], **others
         "guides": OtherViews(),
         "checks": OtherViews(),
         "left_out": None,
-        "num_unused": 0,
+        "unused": {},
         "is_fitted": False,
     } | others
     return EncodingReport(b"", names, quality, **fields, notes=(), warnings=(), seconds=1.0, save_cameras=None)
@@ -80,8 +80,12 @@ def test_the_same_as_json(stream_bytes: bytes) -> None:
 def test_what_the_others_are_for_is_said() -> None:
     alone = report(("a.png", "b.png"), QUALITY)
     assert roles_note(alone, is_chosen=True) == ""
-    guided = replace(alone, guides=OtherViews(("c.png", "d.png")), checks=OtherViews(("e.png",)), num_unused=3)
-    others = "of the others, 2 guide the encoder, 1 measures new views, 3 are not used."
+    guided = replace(alone, guides=OtherViews(("c.png", "d.png")), checks=OtherViews(("e.png",)))
+    guided = replace(guided, unused={"beyond 2 guides": ("f.png",), "`guides` is none": tuple("ghijk")})
+    others = (
+        "of the others, 2 guide the encoder, 1 measures new views, 6 are not used (beyond 2 guides: f.png; --guides is "
+        "none: g, h, i and 2 more)."
+    )
     assert roles_note(guided, is_chosen=False) == others
     assert roles_note(guided, is_chosen=True) == f"coded views: a.png, b.png; {others}"
 

@@ -12,7 +12,8 @@ from PIL import Image
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
 from fecocodec.captures.view_selection import All, Auto, Selection, Spread
 from fecocodec.codec import roles as roles_of_photographs
-from fecocodec.codec.roles import MAX_GUIDES, Roles, default_checks
+from fecocodec.codec.guide_choice import MAX_GUIDES
+from fecocodec.codec.roles import Roles, default_checks
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
 
@@ -40,6 +41,10 @@ def walk(tmp_path: Path) -> MakeWalk:
     return make
 
 
+def num_unused(roles: Roles) -> int:
+    return sum(map(len, roles.unused.values()))
+
+
 def every(roles: Roles) -> list[int]:
     return [*roles.context, *roles.guides, *roles.checks]
 
@@ -49,7 +54,7 @@ def test_checks_are_one_in_ten_and_spread_over_the_poses(walk: MakeWalk) -> None
     assert {count: default_checks(count) for count in counts} == counts
     roles = choose_roles(walk(20, step=0.2), FOLDER, None)
     assert len(roles.checks) == 2
-    assert len(set(every(roles))) == len(every(roles)) == 20 - roles.num_unused
+    assert len(set(every(roles))) == len(every(roles)) == 20 - num_unused(roles)
     checks = choose_roles(walk(24, step=0.5), FOLDER, None, num_checks=3).checks
     assert np.diff(checks).min() >= 4
     with pytest.raises(InputError, match="photos: 5 checks asked for, but 4 photographs can be left for them"):
@@ -69,7 +74,7 @@ def test_candidates_lie_far_apart_and_those_between_them_guide(walk: MakeWalk) -
     ((order, others),) = seen
     assert len(order) == 16 and sorted(others) == [index for index in range(20) if index not in roles.checks]
     assert roles.context == sorted(order[:4]) and np.diff(roles.context).min() >= 3
-    assert len(roles.guides) == 20 - 4 - len(roles.checks) - roles.num_unused
+    assert len(roles.guides) == 20 - 4 - len(roles.checks) - num_unused(roles)
 
 
 def test_few_and_all_are_coded(walk: MakeWalk) -> None:
@@ -91,7 +96,7 @@ def test_without_guides_and_checks_views_are_chosen_as_before(walk: MakeWalk) ->
     neighbours = np.abs(np.subtract.outer(orders[0], orders[0])) + 100 * np.eye(16)
     assert all(neighbours[place, :place].min() <= 6 for place in range(1, 16))  # each overlaps with one before it
     chosen = choose_roles(walk(20), FOLDER, Spread(8), (), 0)
-    assert len(chosen.context) == 8 and chosen.num_unused == 12 and every(chosen) == chosen.context
+    assert len(chosen.context) == 8 and num_unused(chosen) == 12 and every(chosen) == chosen.context
 
 
 def test_those_near_named_views_guide(walk: MakeWalk) -> None:
@@ -99,7 +104,7 @@ def test_those_near_named_views_guide(walk: MakeWalk) -> None:
     assert roles.context == [10, 12]
     assert {9, 11, 13} <= {*roles.guides, *roles.checks}
     assert all(abs(index - 11) < 12 for index in every(roles))
-    assert roles.num_unused == 30 - len(every(roles)) > 8
+    assert num_unused(roles) == 30 - len(every(roles)) > 8
     assert len(choose_roles(walk(40, step=0.08), FOLDER, (0, 20)).guides) == MAX_GUIDES
     scene = walk(5, step=0.3)
     twin = replace(scene.photographs[2], camera_to_world=scene.photographs[0].camera_to_world)
@@ -109,7 +114,7 @@ def test_those_near_named_views_guide(walk: MakeWalk) -> None:
 
 def test_named_guides_guide_alone(walk: MakeWalk) -> None:
     roles = choose_roles(walk(8), FOLDER, (0, 3), ("001.png", "2"), 0)
-    assert roles == Roles([0, 3], [1, 2], [], 4)
+    assert roles == Roles([0, 3], [1, 2], [], {"not named in `guides`": [4, 5, 6, 7]})
     assert 1 not in choose_roles(walk(8), FOLDER, None, (1,)).context
     with pytest.raises(InputError, match=r"photos: no view is called x \(.*\); give .* in `guides`"):
         choose_roles(walk(8), FOLDER, (0, 3), ("x",))
@@ -128,6 +133,23 @@ def test_so_many_guide_at_most(walk: MakeWalk) -> None:
     assert named(Spread(0)) == named(())
     assert choose_roles(walk(4), FOLDER, None, Spread(2)) == choose_roles(walk(4), FOLDER, None)
     assert len(choose_roles(walk(20, step=0.2), FOLDER, None, Spread(4)).guides) == 4
+
+
+def test_each_unused_photograph_has_its_reason(walk: MakeWalk) -> None:
+    scene = walk(40, step=0.08)
+    for index, offset in ((38, 0.0), (39, 1000.0)):
+        pose = scene.photographs[0].camera_to_world.copy()
+        pose[0, 3] += offset
+        scene.photographs[index] = replace(scene.photographs[index], camera_to_world=pose)
+    scene.photographs[37].path.write_bytes(scene.photographs[36].path.read_bytes())
+    unused = choose_roles(scene, FOLDER, (0, 20), None, 0).unused
+    assert unused.pop("too little overlap with the coded views") == [39]
+    assert 38 in unused.pop("same position and view as a coded one")
+    assert unused.pop("copy of another one") == [37]
+    assert list(unused) == ["beyond 24 guides"]
+    assert len(choose_roles(scene, FOLDER, (0, 20), Spread(5), 0).unused["beyond 5 guides"]) > 24
+    assert choose_roles(walk(6), FOLDER, (0, 1), (), 0).unused == {"`guides` is none": [2, 3, 4, 5]}
+    assert choose_roles(walk(6), FOLDER, (0, 1), (2,), 0).unused == {"not named in `guides`": [3, 4, 5]}
 
 
 def test_what_cannot_be_used_is_left_out_unless_it_is_named(walk: MakeWalk) -> None:
@@ -154,7 +176,7 @@ def test_copies_are_left_out_unless_they_are_named(walk: MakeWalk, count: int, v
     assert roles.warnings == ("002.png is left out: it is a copy of 001.png; remove it, or choose both by `views`.",)
     named = choose_roles(scene, FOLDER, (0, 2), num_checks=0)
     assert 1 not in every(named) and named.warnings == ()
-    assert len(every(named)) + named.num_unused == count
+    assert len(every(named)) + num_unused(named) == count
     assert choose_roles(scene, FOLDER, (1, 2), num_checks=0).context == [1, 2]
 
 
@@ -164,7 +186,7 @@ def test_a_photograph_that_shows_something_else_has_no_role(walk: MakeWalk) -> N
     away[:3, 3] = 1000.0
     scene.photographs[4] = replace(scene.photographs[4], camera_to_world=away)
     roles = choose_roles(scene, FOLDER, None)
-    assert 4 not in every(roles) and roles.num_unused == 1
+    assert 4 not in every(roles) and num_unused(roles) == 1
 
 
 def test_photographs_of_another_shape_guide_but_set_no_size(walk: MakeWalk) -> None:
