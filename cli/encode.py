@@ -86,11 +86,12 @@ def command(
     as_json: bool,
     **values: Any,
 ) -> None:
-    """Compress the photographs in VIEWS, a folder or ZIP archive, to a .fcs file.
+    """Compress the photographs in VIEWS, a folder, a ZIP archive, a camera file or a video, to a .fcs file.
 
-    VIEWS contains images (PNG, JPEG, WebP, EXR) and their cameras: a transforms.json (nerfstudio, instant-ngp), a
-    COLMAP sparse model, or a RealEstate10K camera file. Without cameras, or for a video, they are estimated (needs the
-    `poses` extra).
+    A folder contains images (PNG, JPEG, WebP, AVIF, TIFF, BMP, EXR, and HEIC with the `heic` extra) and their cameras:
+    a transforms.json (nerfstudio, instant-ngp), a COLMAP sparse model, a RealEstate10K camera file, the cameras.json of
+    3DGS, or the poses_bounds.npy of LLFF. The cameras of a video, or of a folder without a camera file, are estimated
+    from the images (needs the `poses` extra, for a video also `video`).
     """
     require_writable(output, overwrite=overwrite)
     require_other_file(output, views_folder)
