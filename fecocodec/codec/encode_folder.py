@@ -105,6 +105,7 @@ def encode_folder(
         messages.note(*source.notes)
         messages.warn(*source.warnings)
         scene = read_cameras(source.path)
+        messages.note(*scene.remarks)
         is_chosen = not isinstance(options.views, tuple) and len(scene.photographs) >= LEAST_FOR_CHOICE
         if is_chosen and source.save_cameras is None:
             from fecocodec.codec.fitting_cameras import with_fitting_cameras  # it loads torch
