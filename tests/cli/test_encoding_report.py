@@ -165,7 +165,7 @@ def test_poor_views_are_said() -> None:
         "worse; check that each camera belongs to its photograph, or choose fewer `views`, which are closer together.",
     )
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",), "fast") == (
-        "the decoded views are poor, with a PSNR of 18.0 dB; leave out `effort=fast`, which is a likely cause, use a "
+        "the decoded views are poor, with a PSNR of 18.0 dB; leave out `effort=fast` (a likely cause), use a "
         "smaller lambda, or use a larger `size`.",
     )
     assert in_options("use `effort=best`, no `effort=fast`") == "use --effort best, no --effort fast"
@@ -182,7 +182,7 @@ def test_what_helps_new_views_fits_the_case() -> None:
     assert new_view_warnings(poor, names, 4, True) == (f"{start}{between}, or code more of them by `views`.",)
     assert new_view_warnings(poor, names, 4, False) == (f"{start}or {between}.",)
     assert new_view_warnings(poor, names, 4, False, "fast") == (
-        f"{start}leave out `effort=fast`, which is a likely cause, or {between}.",
+        f"{start}leave out `effort=fast` (a likely cause), or {between}.",
     )
     assert new_view_warnings(poor, names, 16, True) == (
         f"{start}{between}, or encode a smaller part of the scene, as a file holds at most 16 coded views.",
