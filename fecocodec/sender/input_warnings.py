@@ -20,7 +20,6 @@ LEAST_OVERLAP = 0.2  # fraction of the sample points of a view that another view
 LARGEST_DEPTH_RATIO = 1000.0  # far / near
 LARGEST_PIXEL_RATIO = 1.5  # between the sides of a pixel
 MOST_AHEAD = 5.0  # times that near may be nearer than what is believable; that costs about 1 dB at new views
-LARGEST_EXPOSURE_RATIO = 1.5  # between the mean sRGB values of two views
 DARKEST, BRIGHTEST = 0.04, 0.96  # mean sRGB value of all views
 # Mean distance of the channels from their mean, over mean brightness. Grey views are below the first, views in colour
 # above the second: 511 photographs of 86 captures have 0.010 to 0.45.
@@ -94,13 +93,9 @@ def _warnings_about_cameras(views: Views, guides: Views | None) -> list[str]:
 
 
 def _warnings_about_images(images: Float[Tensor, "view 3 height width"]) -> list[str]:
-    warnings = []
-    brightness = images.mean(dim=(1, 2, 3))
-    if float(brightness.max() / brightness.min().clamp_min(1e-3)) > LARGEST_EXPOSURE_RATIO:
-        warnings.append("the views differ much in brightness; use the same exposure and white balance for all.")
-    if not DARKEST <= float(brightness.mean()) <= BRIGHTEST:
-        warnings.append("the views are almost black or white; expose them so that surfaces can be distinguished.")
-    return warnings
+    if DARKEST <= float(images.mean()) <= BRIGHTEST:
+        return []
+    return ["the views are almost black or white; expose them so that surfaces can be distinguished."]
 
 
 def _warnings_about_kinds(views: Views) -> list[str]:
