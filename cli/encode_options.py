@@ -50,9 +50,9 @@ encoding_options = with_options(
         "--views",
         callback=parse_selection,
         metavar="WHICH",
-        help="Photographs to code: how many (4), which are then spread over the scene; numbers (0,5; with a comma for "
-        "one: 7,) or file names (a.jpg,b.jpg; a comma in a name is \\,); all; or auto for as many as it needs, at most "
-        "16.  [default: every photograph of up to four; else auto]",
+        help="Photographs to code: how many (4), spread over the scene (beside each other if nothing guides); numbers "
+        "(0,5; with a comma for one: 7,) or file names (a.jpg,b.jpg; a comma in a name is \\,); all; or auto for as "
+        "many as it needs, at most 16.  [default: every photograph of up to four; else auto]",
     ),
     click.option(
         "--guides",

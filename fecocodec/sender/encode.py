@@ -17,6 +17,7 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.coverage import coverage_of
 from fecocodec.sender.detail_steps import find_detail
 from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, fader, fading_of
+from fecocodec.sender.far_regions import far_factor, seen_through, with_far_regions
 from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
 from fecocodec.sender.lambda_roles import lambda_of_latents
 from fecocodec.sender.latent_optimisation import optimiser
@@ -111,6 +112,11 @@ def matched_scene(
         guides = None  # the paper's method has no use for them
     scene = prepare_scene(views, codec.device, guides)
     encoder = encoder_of(codec, scene)
+    has_far_regions = bool(seen_through(encoder).any())
+    if has_far_regions and (factor := far_factor(encoder.cameras.scene(0))) > 1.0:
+        views = replace(views, cameras=replace(views.cameras, far=factor * views.cameras.far))
+        scene = prepare_scene(views, codec.device, guides)
+        encoder = encoder_of(codec, scene)
     if guides is not None and scene.guides is not None:
         checks = check_guides(encoder.images[0], encoder.matching.depth, encoder.cameras.scene(0), scene.guides)
         for name, check in zip(guides.names, checks, strict=True):
@@ -121,7 +127,7 @@ def matched_scene(
         encoder = encoder.with_colours(scene.guides) if is_matched else encoder_of(codec, scene)
     for sentence in overlap_warnings(encoder.overlap, views.names):
         on_warning(sentence)
-    return encoder, scene
+    return with_far_regions(encoder) if has_far_regions else encoder, scene
 
 
 def encoder_of(codec: Codec, scene: Scene) -> SceneEncoder:

@@ -1,6 +1,6 @@
 """The compact multi-view extractor E_mv: posed photographs -> geometry-aware features at 1/4 resolution."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 import torch.nn.functional as F
@@ -42,6 +42,11 @@ class MatchedMaps(MatchedDepth):
     def blended(self) -> Float[Tensor, "item 1 h4 w4"]:
         """Matched disparity where it is consistent, extrapolated disparity elsewhere."""
         return torch.lerp(self.extrapolated, self.relative_disparity, self.consistency)
+
+    def moved_far(self, is_far: Bool[Tensor, "item 1 h4 w4"]) -> "MatchedMaps":
+        """Return the same with these pixels at the far bound, extrapolated ones, too."""
+        disparity, extrapolated = self.relative_disparity * ~is_far, self.extrapolated * ~is_far
+        return replace(self, relative_disparity=disparity, extrapolated=extrapolated)
 
     def first(self, count: int) -> "MatchedMaps":
         """Return the maps of the first `count` items."""

@@ -1,6 +1,6 @@
 """What the encoder asks of a feature extractor E_mv, and what matching adds to the feedback of stage 1."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import torch
@@ -24,6 +24,15 @@ class MatchedDepth:
 
     relative_disparity: Float[Tensor, "item 1 h4 w4"]
     consistency: Float[Tensor, "item 1 h4 w4"]
+
+    @property
+    def blended(self) -> Float[Tensor, "item 1 h4 w4"]:
+        """The best estimate of relative disparity at each pixel."""
+        return self.relative_disparity
+
+    def moved_far(self, is_far: Bool[Tensor, "item 1 h4 w4"]) -> "MatchedDepth":
+        """Return the same with these pixels at the far bound."""
+        return replace(self, relative_disparity=self.relative_disparity * ~is_far)
 
 
 def depth_feedback(matched: MatchedDepth, decoded: Float[Tensor, "item 1 h4 w4"]) -> Float[Tensor, "item 2 h4 w4"]:
