@@ -27,13 +27,13 @@ WINDOW = 5  # side of the window of this deviation, in pixels at 1/4 resolution
 LEAD = 0.08  # logarithm of the ratio of depths of a surface and of what is before it
 DIFFERENCE = 0.06  # squared distance of their sRGB colours in [0, 1]
 LEAST_TEXTURED, LEAST_CONFIRMED = 0.6, 0.5  # share of textured pixels, and consistency, of the surface
-BEYOND = 1.5  # far bound in depths of the farthest camera that another one faces
+BEYOND = 1.5  # far bound in depths of the farthest camera that is before another one
 
 
 def far_factor(cameras: Cameras) -> float:
-    """Return what the far bound must be multiplied with, to lie behind all cameras that others face; at least 1."""
-    faced = cameras.project(cameras.extrinsics[:, :3, 3])
-    return max(1.0, BEYOND * float((faced.depth * faced.is_visible).max() / cameras.far))
+    """Return the factor, at least 1, of the far bound with which it lies behind all cameras that are before others."""
+    depth_of_cameras = cameras.project(cameras.extrinsics[:, :3, 3]).depth
+    return max(1.0, BEYOND * float(depth_of_cameras.max() / cameras.far))
 
 
 def with_far_regions(encoder: SceneEncoder) -> SceneEncoder:
