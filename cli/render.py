@@ -9,7 +9,7 @@ import click
 from fecocodec.atomic import require_writable
 from fecocodec.captures.view_selection import Selection
 from fecocodec.container import check_pixels, read_header, read_stream_file
-from fecocodec.errors import error_context
+from fecocodec.errors import error_context, some_of
 
 from .decode_options import decode_here
 from .image_files import image_files, image_writer, is_image_file, require_image_output
@@ -25,11 +25,12 @@ from .options import (
     parse_size,
     threads_option,
 )
-from .output import print_json, say
+from .output import print_json, say, warn
 from .paths import require_ending, require_input, require_model
 from .progress import progress_bar
 from .viewpoints import DEFAULT_FPS, DEFAULT_FRAMES, PATH_NAMES, cameras_and_size, names_of, read_given_cameras
 
+LEAST_SHOWN = 0.01  # mean opacity of a rendering, below which it shows nothing
 BACKGROUNDS = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
 
 
@@ -172,12 +173,19 @@ def command(
         write_images = writers.enter_context(image_writer(files, overwrite=overwrite)) if files else None
         rate = fps or (given and given.frames_per_second) or DEFAULT_FPS
         add_frame = writers.enter_context(video_writer(video, image_size, rate, overwrite=overwrite)) if video else None
+        empty = []
         for number, rendering in enumerate(render_each(gaussians, cameras, image_size, BACKGROUNDS[background])):
+            if float(rendering.alpha.mean()) < LEAST_SHOWN:
+                empty.append(names[number])
             on_progress("rendering", 0.5 + 0.5 * number / len(names))
             if write_images:
                 write_images(files[number], rendering)
             if add_frame:
                 add_frame(rendering.color[0].cpu())
+    if empty:
+        warn(
+            f"warning: nothing of the scene is seen in {some_of(empty)}; give cameras in its frame and unit of length."
+        )
     seconds = round(perf_counter() - start, 3)
     written = [str(file) for of_view in files for file in of_view] + ([str(video)] if video else [])
     count = f"{len(names)} {'view' if len(names) == 1 else 'views'}"

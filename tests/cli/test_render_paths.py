@@ -37,6 +37,21 @@ def test_cameras_need_no_photographs(fecosplat, ply: Path, photographs: Path, tm
     assert image.std() > 0.1  # the wall, not the background
 
 
+def test_cameras_that_see_nothing_of_the_scene_are_named(
+    fecosplat, ply: Path, photographs: Path, tmp_path: Path
+) -> None:
+    """A camera that is 1000 times as far away, in another unit of length, does not see the wall."""
+    scene = json.loads((photographs / "transforms.json").read_text())
+    for row in scene["frames"][1]["transform_matrix"][:3]:
+        row[3] += 1000.0
+    (tmp_path / "transforms.json").write_text(json.dumps(scene))
+    run = fecosplat("render", ply, "-o", tmp_path / "out", "--cameras", tmp_path)
+    assert run.code == 0
+    (warning,) = (line for line in run.err.splitlines() if line.startswith("warning"))
+    assert warning.startswith("warning: nothing of the scene is seen in view_1; give cameras in its frame")
+    assert "warning" not in fecosplat("render", ply, "-o", tmp_path / "other", "--cameras", photographs).err
+
+
 def test_depth_bounds_of_a_ply_come_from_its_gaussians(fecosplat, ply: Path, photographs: Path, tmp_path: Path) -> None:
     """Without bounds in the camera file, Gaussians in front of the cameras are still drawn, and no pixels are read."""
     scene = json.loads((photographs / "transforms.json").read_text())
