@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from fecocodec.checkpoint import model_folder
 from fecocodec.config import ReceiverConfig
@@ -186,14 +188,18 @@ def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q:
     """Return the optimisation of latents, and fading. Nothing is faded without steps."""
     latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored, encoder.guides
-    return Improvements(latent, fader(*of_scene) if config.num_steps > 0 and is_faded(encoder) else None)
+    is_faded = faded_views(encoder) if config.num_steps > 0 else None
+    return Improvements(latent, None if is_faded is None else fader(*of_scene, is_faded))
 
 
-def is_faded(encoder: SceneEncoder) -> bool:
-    """Whether fading helps a scene: one of many views, or one with a view of wrong depth, which no other confirms."""
+def faded_views(encoder: SceneEncoder) -> Bool[Tensor, " view"] | None:
+    """Return which views may fade: all of many; of three or four those that none confirms, if any; None for none."""
     if encoder.num_views < 3 or encoder.num_pixels > MAX_PIXELS:
-        return False
-    return encoder.num_views >= LEAST_VIEWS or bool((encoder.overlap.most_confirmed < LEAST_CONFIRMED).any())
+        return None
+    if encoder.num_views >= LEAST_VIEWS:
+        return torch.ones(encoder.num_views, dtype=torch.bool)
+    is_unconfirmed = encoder.overlap.most_confirmed < LEAST_CONFIRMED
+    return is_unconfirmed if bool(is_unconfirmed.any()) else None
 
 
 def check_lambda(model: ReceiverConfig, lambda_q: int) -> None:

@@ -74,11 +74,13 @@ def fader(
     background: tuple[float, float, float] = BLACK,
     ignored: Bool[Tensor, "view h w"] | None = None,
     guides: Guides | None = None,
+    is_faded: Bool[Tensor, " view"] | None = None,
 ) -> Fade:
     """Return a function that finds the fading of a scene.
 
     images: sRGB in [0, 1], on the coding grid. cameras: normalised. background: behind the Gaussians, sRGB.
-    ignored: pixels that do not count; None if all do. guides: photographs that are not coded.
+    ignored: pixels that do not count; None if all do. guides: photographs that are not coded. is_faded: which views
+    have blocks that may fade; None for all.
     """
     size, num_guides = (images.shape[-2], images.shape[-1]), 0 if guides is None else guides.count
     turns = max(2, -(-num_guides // GUIDES_OF_STEP))
@@ -111,6 +113,8 @@ def fader(
                     weight = 2 if number < grid[0] else turns  # for those that this step does not render, too
                     loss = -weight * quality(replace(gaussians.keep(is_shown), opacities=opacities), number)
                     loss.backward()
+            if is_faded is not None and logits.grad is not None:
+                logits.grad[~is_faded] = 0.0
             adam.step()
         return Fading(logits.detach().nan_to_num(0.0))
 

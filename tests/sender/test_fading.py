@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from fecocodec import decode, encode
+from fecocodec.coding.visibility import unpack_levels
 from fecocodec.container import read_stream, write_stream
 from fecocodec.evaluation.novel_views import render_views
 from fecocodec.evaluation.stress.box_room import Room, painted, photograph, with_far_view
@@ -122,6 +123,10 @@ def test_of_few_views_those_fade_that_nothing_confirms() -> None:
         for file in (data, without_fading(data))
     )
     assert shown > hidden + 0.1
+    stream = read_stream(data)
+    assert stream.fading is not None
+    levels = unpack_levels(stream.fading, stream.header)
+    assert not levels[:2].any() and levels[2].any()
     assert read_stream(encode(fitting, effort=FEW_STEPS)).fading is None
     assert read_stream(encode(far.select([0, 2]), effort=FEW_STEPS)).fading is None
 
