@@ -66,6 +66,8 @@ class EncodingOptions:
             raise OptionError("a PSNR of new views is measured on `checks`, and there are none; give a number of them.")
         if self.sharpness != 0.0 and self.effort == "fast":
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
+        if isinstance(self.views, str | int):
+            raise OptionError(f"`views` is {self.views!r}; give a tuple of names, `Spread`, `Auto` or `All`.")
         if isinstance(self.guides, str | int):
             raise OptionError(f"`guides` is {self.guides!r}; give a tuple of names, a `Spread`, or () for none.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):

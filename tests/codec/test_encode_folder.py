@@ -113,10 +113,10 @@ def test_options_for_another_kind_of_input_are_refused(folder: Path, option: str
 def test_options_that_exclude_each_other_are_refused_at_once() -> None:
     with pytest.raises(OptionError, match="has no rate control"):
         EncodingOptions(target=AtMostKib(8.0), num_stages=1)
-    options = EncodingOptions()
-    for guides in ("none", 4):
-        object.__setattr__(options, "guides", guides)  # tests check types at calls, users do not
-        with pytest.raises(OptionError, match=rf"`guides` is {guides!r}; give a tuple of names, a `Spread`, or \(\) f"):
+    for name, value in (("views", 4), ("views", "all"), ("guides", 4), ("guides", "none")):
+        options = EncodingOptions()
+        object.__setattr__(options, name, value)  # tests check types at calls, users do not
+        with pytest.raises(OptionError, match=rf"`{name}` is {value!r}; give a tuple of names, (a )?`Spread`"):
             options.__post_init__()
     with pytest.raises(OptionError, match="needs the steps"):
         EncodingOptions(effort="fast", sharpness=0.5)
