@@ -24,7 +24,7 @@ from fecocodec.errors import InputError
 from fecocodec.input_file import StrPath
 from fecocodec.model_files import is_shipped
 from fecocodec.photographs.framing import within_limit
-from fecocodec.progress import OnProgress, ignore_progress
+from fecocodec.progress import OnProgress, Progress, ignore_progress
 from fecocodec.sender.lambda_search import AtLeastNewPsnr
 from fecocodec.sender.view_quality import (
     DecodedQuality,
@@ -38,6 +38,8 @@ from fecocodec.sender.view_quality import (
 
 if TYPE_CHECKING:
     from fecocodec.codec.encode_views import Photographs
+
+TIMES = 0.2, 0.75, 0.05  # for progress: of the choice of views, encoding, and measuring
 
 
 @dataclass(frozen=True)
@@ -113,13 +115,15 @@ def encode_folder(
             scene, better = with_fitting_cameras(scene, options.masks)
             if better is not None:
                 messages.note(better.remark)
-        roles, photographs = _read(scene, options, messages, on_progress)
+        times = TIMES if is_chosen else (0.0, *TIMES[1:])
+        of_choice, of_encoding, of_measuring = Progress(on_progress).split(*times)
+        roles, photographs = _read(scene, options, messages, of_choice)
         messages.note(*photographs.views.remarks)
 
     from fecocodec.codec.encode_views import encode_views
 
     views, guides, checks = photographs.views, photographs.guides, photographs.checks
-    data = encode_views(views, guides, checks, options, messages, on_progress)
+    data = encode_views(views, guides, checks, options, messages, of_encoding)
     if guides is not None and messages.omitted:
         kept = [index for index, name in enumerate(guides.names) if name not in messages.omitted]
         guides = guides.select(kept) if kept else None
@@ -128,13 +132,13 @@ def encode_folder(
     if options.is_measured or options.is_strict:
         from fecocodec.sender.decoded_quality import measure_left_out, measure_with_others
 
-        on_progress("measuring quality", 1.0)
+        of_measuring("measuring quality")
         device, model = options.device, options.model
         measure = partial(measure_with_others, views=views, others=(guides, checks), device=device, model=model)
         quality, (of_guides, of_checks) = measure(data)
         is_lowered = is_lowered_by_stage_2(quality) and is_lowered_by_stage_2(measure(data, is_merged=False)[0])
         if is_lowered and options.target is None:
-            alone = encode_views(views, guides, checks, replace(options, num_stages=1), Messages(path), on_progress)
+            alone = encode_views(views, guides, checks, replace(options, num_stages=1), Messages(path), of_measuring)
             if (of_one := measure(alone))[0][-1].psnr > quality[-1].psnr:
                 messages.note(stage_2_note(quality))
                 data, (quality, (of_guides, of_checks)) = alone, of_one

@@ -23,7 +23,7 @@ from fecocodec.sender.far_regions import far_factor, seen_through, with_far_regi
 from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
 from fecocodec.sender.lambda_roles import lambda_of_latents
 from fecocodec.sender.latent_optimisation import optimiser
-from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort, steps_of_first
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage, WrittenLatent, estimate_bits, write_latents
@@ -32,7 +32,7 @@ from fecocodec.sender.view_overlap import LEAST_CONFIRMED, overlap_warnings
 
 OnWarning = Callable[[str], None]  # (sentence)
 OnOmission = Callable[[str, tuple[str, ...]], None]  # (sentence, names of guides that are left out)
-SHARE_OF_DETAIL = 0.3  # of the time of an encoding, for progress
+TIME_OF_MATCHING, TIME_OF_DETAIL_STEP = 1.5, 0.6  # for progress, as in `sender/stages.py`
 
 
 def encode(
@@ -158,11 +158,13 @@ def write_scene(
     of_latents = lambda_of_latents(scene.num_views, scene.num_guides, lambda_q) if has_detail else lambda_q
     if of_latents > lambda_q:
         config = replace(config, extra_step_above=())  # detail does what these steps would
-    of_stages, of_detail = Progress(on_progress).split(1.0 - SHARE_OF_DETAIL, SHARE_OF_DETAIL if has_detail else 0.0)
-    stages = write_stages(encoder, of_latents, num_stages, config, of_stages)
+    of_stages = sum(improvements_of(encoder, config, of_latents).times(num_stages))
+    times = TIME_OF_MATCHING, of_stages, TIME_OF_DETAIL_STEP * num_detail_steps if has_detail else 0.0
+    _, for_stages, for_detail = Progress(on_progress).split(*times)
+    stages = write_stages(encoder, of_latents, num_stages, config, for_stages)
     stream = assemble(encoder.codec, scene, stages)
     if has_detail:
-        stream = replace(stream, detail=find_detail(encoder, stages[-1], lambda_q, config, of_detail))
+        stream = replace(stream, detail=find_detail(encoder, stages[-1], lambda_q, config, for_detail))
     return write_stream(stream)
 
 
@@ -179,17 +181,20 @@ def write_stages(
     """
     model = encoder.codec.receiver.config
     check_lambda(model, lambda_q)
-    improve = improvements_of(encoder, config, lambda_q) if model.kind.has_steps else NO_IMPROVEMENTS
-    num_stages = min(num_stages, model.num_stages)
+    improve, num_stages = improvements_of(encoder, config, lambda_q), min(num_stages, model.num_stages)
     return encoder.run(torch.tensor([lambda_q]), num_stages, write_latents(encoder.codec), improve, progress)
 
 
 def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q: int) -> Improvements:
-    """Return the optimisation of latents, and fading. Nothing is faded without steps."""
+    """Return the optimisation of latents, and fading, if the model's method has them. Without steps nothing fades."""
+    if not encoder.codec.receiver.config.kind.has_steps:
+        return NO_IMPROVEMENTS
     latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
     of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored, encoder.guides
     is_faded = faded_views(encoder) if config.num_steps > 0 else None
-    return Improvements(latent, None if is_faded is None else fader(*of_scene, is_faded))
+    num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
+    fade = None if is_faded is None else fader(*of_scene, is_faded)
+    return Improvements(latent, fade, (steps_of_first(num_steps), num_steps))
 
 
 def faded_views(encoder: SceneEncoder) -> Bool[Tensor, " view"] | None:

@@ -19,6 +19,7 @@ from fecocodec.container import FADING_BLOCKS
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import joined_masks
+from fecocodec.progress import Progress
 from fecocodec.rendering.metrics import psnr
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.coverage import BLACK
@@ -65,7 +66,7 @@ def fading_of_masks(ignored: Bool[Tensor, "view h w"] | None) -> Fading | None:
     return Fading(HIDDEN_LOGIT * is_hidden.float()) if bool(is_hidden.any()) else None
 
 
-Fade = Callable[[Gaussians, Fading | None], Fading]  # (all Gaussians after a stage, fading before it)
+Fade = Callable[[Gaussians, Fading | None, Progress], Fading]  # (all Gaussians after a stage, fading before it, .)
 
 
 def fader(
@@ -95,12 +96,13 @@ def fader(
         of_view = None if ignored is None else ignored[[view]]
         return psnr(color, pictures[[view]], of_view, added_error=ADDED_ERROR)[0]
 
-    def fade(gaussians: Gaussians, before: Fading | None) -> Fading:
+    def fade(gaussians: Gaussians, before: Fading | None, progress: Progress = Progress()) -> Fading:  # noqa: B008
         logits = images.new_zeros(grid) if before is None else before.logits.clone()
         view = torch.arange(grid[0], device=images.device)[:, None, None]
         view_of = _of_gaussians(view.expand(grid), gaussians.count)
         adam = torch.optim.Adam([logits.requires_grad_()], lr=STEP, betas=(0.5, 0.9), eps=LEAST_SLOPE)
         for step in range(NUM_STEPS):
+            progress("fading what hides other views", step / NUM_STEPS)
             adam.zero_grad()
             coded, taught = range(step % 2, grid[0], 2), range(grid[0] + step % turns, len(pictures), turns)
             for number in (*coded, *taught):

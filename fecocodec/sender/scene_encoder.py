@@ -89,9 +89,9 @@ class SceneEncoder:
         """
         offset = self.codec.receiver.config.kind.stage_1_offset
         lambdas = stage_lambdas(lambda_q.to(self.images.device), num_stages, offset)
-        parts = progress.split(0.2, *[1.0] * (num_stages - 1), 2.0)[1:]
+        parts = iter(progress.split(*improve.times(num_stages)))
         stages: list[Stage[Coded]] = []
-        for number, (lambda_k, part) in enumerate(zip(lambdas, parts, strict=True), start=1):
+        for number, (lambda_k, part, of_fade) in enumerate(zip(lambdas, parts, parts, strict=True), start=1):
             inputs = self.inputs_of(stages, lambda_k, number == num_stages)
             if stages:
                 part("rendering feedback")
@@ -100,7 +100,7 @@ class SceneEncoder:
             else:
                 part("coding stage 1")
                 feedback, features = None, self.features(inputs.condition)  # F1 = E_mv(I, P)
-            stages.append(self.code_stage(features, inputs, code, improve, part, feedback))
+            stages.append(self.code_stage(features, inputs, code, improve, (part, of_fade), feedback))
         return tuple(stages)
 
     def code_stage(
@@ -109,19 +109,19 @@ class SceneEncoder:
         inputs: StageInputs,
         code: LatentCoder[Coded],
         improve: Improvements,
-        progress: Progress,
+        progress: tuple[Progress, Progress],
         feedback: StageRendering | None,
     ) -> Stage[Coded]:
         """Run stage k from F_k and S_{k-1}."""
         y = self.analyse(features, inputs)  # y_k = g_a(concat(F_k, S_{k-1}))
-        y = improve.latent(y, features, inputs, progress)
-        progress(f"coding stage {inputs.stage}", 1.0)
+        of_latent, of_fade = progress
+        y = improve.latent(y, features, inputs, of_latent)
+        of_latent(f"coding stage {inputs.stage}", 1.0)
         coded = code(y, inputs)
         state = self.update(inputs, coded.y_hat)  # S_k = U(concat(S_{k-1}, g_s(y_k_hat)))
         fading = inputs.fading
         if improve.fading is not None:
-            progress("fading what hides other views", 1.0)
-            fading = improve.fading(self.emit(self.predict(state, inputs.condition), is_filled=False), fading)
+            fading = improve.fading(self.emit(self.predict(state, inputs.condition), is_filled=False), fading, of_fade)
         return Stage(inputs, y, coded, state, feedback, fading)
 
     def inputs_of(self, stages: list[Stage[Coded]], lambda_q: Int[Tensor, " batch"], is_last: bool) -> StageInputs:

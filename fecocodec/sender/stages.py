@@ -17,6 +17,8 @@ from fecocodec.sender.codec import Codec
 from fecocodec.sender.fading import Fade, Fading
 from fecocodec.splatting.emission import Prediction
 
+TIME_OF_CODING, TIME_OF_FADING = 0.6, 1.4  # steps of the latents; 2 to 16 coded views, 0 to 12 guides
+
 
 @dataclass(frozen=True)
 class StageInputs:
@@ -61,12 +63,19 @@ def as_analysed(y: Tensor, features: Tensor, inputs: StageInputs, progress: Prog
 class Improvements:
     """What this codec adds to the paper's stages. The defaults add nothing.
 
-    latent: (y, F_k, inputs, progress) -> y before coding. fading: (Gaussians after a stage, fading before it) ->
-    fading; None for no fading.
+    latent: (y, F_k, inputs, progress) -> y before coding. fading: (Gaussians after a stage, fading before it,
+    progress) -> fading; None for no fading. num_steps: of the latents, in the stages before the last, and in the last.
     """
 
     latent: Optimise = as_analysed
     fading: Fade | None = None
+    num_steps: tuple[int, int] = (0, 0)
+
+    def times(self, num_stages: int) -> tuple[float, ...]:
+        """Return two times of each stage, up to its coding and of its fading, relative to a step of the latents."""
+        first, last = self.num_steps
+        of_fading = TIME_OF_FADING if self.fading is not None else 0.0
+        return (TIME_OF_CODING + first, of_fading) * (num_stages - 1) + (TIME_OF_CODING + last, of_fading)
 
 
 NO_IMPROVEMENTS = Improvements()
