@@ -70,7 +70,7 @@ def fading_of_masks(ignored: Bool[Tensor, "view h w"] | None) -> Fading | None:
     return Fading(HIDDEN_LOGIT * is_hidden.float()) if bool(is_hidden.any()) else None
 
 
-Fade = Callable[[Gaussians, Fading | None, Progress], Fading]  # (all Gaussians after a stage, fading before it, .)
+Fade = Callable[[Gaussians, Fading | None, Progress], Fading]  # (Gaussians after a stage, fading before it, progress)
 
 
 def fader(
