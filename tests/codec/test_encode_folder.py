@@ -22,6 +22,8 @@ from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
 from fecocodec.model_files import is_shipped, model_folder
 from tests.example_scenes import MODEL, write_scene, write_views
 
+pytestmark = pytest.mark.usefixtures("found_once")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -16,6 +16,7 @@ from fecocodec.evaluation.stress.perturbations import turned
 from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
+pytestmark = pytest.mark.usefixtures("found_once")
 COUNT, DEGREES = 9, 3.0
 
 

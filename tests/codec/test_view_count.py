@@ -14,6 +14,7 @@ from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
 from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
+pytestmark = pytest.mark.usefixtures("found_once")
 OPTIONS = EncodingOptions(effort="fast", num_stages=1, num_checks=0, is_measured=False)
 
 

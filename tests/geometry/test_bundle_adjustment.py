@@ -96,6 +96,7 @@ def test_cameras_return_to_their_parts(views: Views) -> None:
     assert (first.names, second.names) == (parts[0].names, parts[1].names)
 
 
+@pytest.mark.usefixtures("found_once")
 def test_a_folder_with_turned_cameras_is_encoded_as_with_right_ones_and_that_is_said(
     views: Views, tmp_path: Path
 ) -> None:

@@ -68,6 +68,7 @@ def test_the_white_of_cut_outs_stays(views: Views) -> None:
     torch.testing.assert_close(darker[:, :, 20:60, 20:60], 0.5 * views.images[:, :, 20:60, 20:60])
 
 
+@pytest.mark.usefixtures("found_once")
 def test_a_folder_is_encoded_with_one_exposure_and_that_is_said(views: Views, tmp_path: Path) -> None:
     """Coded photographs are compared with what was coded; those of one exposure get no note."""
     quality = {}
