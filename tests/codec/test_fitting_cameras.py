@@ -17,13 +17,13 @@ from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
 pytestmark = pytest.mark.usefixtures("found_once")
-COUNT, DEGREES = 9, 3.0
+COUNT, DEGREES = 7, 3.0
 
 
 @pytest.fixture(scope="module")
 def views() -> Views:
     poses = torch.stack([look((0.08 * step - 0.32, 0.02 * step, -1.5)) for step in range(COUNT)])
-    return photograph(Room(painted), poses, (128, 128))
+    return photograph(Room(painted), poses, (96, 96))
 
 
 @pytest.fixture(scope="module")
