@@ -11,6 +11,8 @@ from fecocodec.sender.input_warnings import check_input
 from fecocodec.sender.optimisation_config import DEFAULT
 from tests.turned_cameras import with_turned_camera
 
+pytestmark = pytest.mark.usefixtures("found_once")
+
 
 def context_of(poses: torch.Tensor) -> Views:
     return photograph(Room(painted), poses, (64, 64)).select([0, 1])
