@@ -10,19 +10,20 @@ from fecocodec.geometry.depth_range import _consistent_depths
 from fecocodec.geometry.sparse_matches import find_corners
 
 
+def numbers_of(value: Any) -> object:
+    """Return what tells one tensor, None or dataclass of tensors from another."""
+    if isinstance(value, Tensor):
+        return value.shape, sha256(value.numpy(force=True).tobytes()).digest()
+    return value and tuple(map(numbers_of, value.fields()))
+
+
 def once(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that keeps what `function` returns for tensors of the same numbers, alone or in dataclasses."""
-    found: dict[bytes, Any] = {}
+    found: dict[object, Any] = {}
 
     def call(*arguments: Any) -> Any:
-        key = sha256()
-        for argument in arguments:
-            for tensor in (argument,) if isinstance(argument, Tensor) else argument.fields() if argument else ():
-                key.update(repr((tensor.dtype, tensor.shape)).encode() + tensor.numpy(force=True).tobytes())
-            key.update(b"|")
-        if (digest := key.digest()) not in found:
-            found[digest] = function(*arguments)
-        return found[digest]
+        if (key := tuple(map(numbers_of, arguments))) not in found:
+            found[key] = function(*arguments)
+        return found[key]
 
     return call
 
