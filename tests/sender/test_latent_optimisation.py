@@ -15,13 +15,7 @@ from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion
 from fecocodec.sender.encode import encode, encode_with, write_stages
 from fecocodec.sender.latent_optimisation import Objective, descend, hold_views_between
-from fecocodec.sender.optimisation_config import (
-    BEST,
-    DEFAULT,
-    FAST,
-    OptimisationConfig,
-    config_of_effort,
-)
+from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import Stage, WrittenLatent
