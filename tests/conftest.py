@@ -80,6 +80,16 @@ def estimated_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fecocodec.poses.posed_folder.reconstruct", estimated_once)
 
 
+@pytest.fixture
+def found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Corners and depths of the same photographs are found once a process."""
+    from tests.found_once import corners_once, depths_once
+
+    monkeypatch.setattr("fecocodec.geometry.depth_range._consistent_depths", depths_once)
+    monkeypatch.setattr("fecocodec.geometry.sparse_matches.find_corners", corners_once)
+    monkeypatch.setattr("fecocodec.sender.input_warnings.find_corners", corners_once)
+
+
 @pytest.fixture(scope="session")
 def codec(random_weights: Path) -> "Codec":
     """The networks of `random_weights`, which no test changes."""

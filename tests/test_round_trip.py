@@ -48,6 +48,11 @@ def data(views: Views, random_weights: Path) -> bytes:
     return encode(views, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL)
 
 
+def bare(data: bytes, weights: Path) -> Gaussians:
+    """Return the Gaussians of the views alone, none of them merged."""
+    return decode(data, model=weights / MODEL, background=None, merging=None).gaussians
+
+
 def assert_equal(one: Gaussians, other: Gaussians) -> None:
     assert all(torch.equal(a, b) for a, b in zip(one.fields(), other.fields(), strict=True))
 
@@ -103,10 +108,7 @@ def test_the_unit_of_length_changes_the_cameras_and_no_payload(
     scaled = replace(views, cameras=replace(views.cameras, extrinsics=extrinsics, near=near, far=far))
     other = encode(scaled, lmbda=1e-4, effort=FEW_STEPS, model=random_weights / MODEL)
     assert read_stream(other).payloads == read_stream(data).payloads
-    small, large = (
-        decode(data, model=random_weights / MODEL).gaussians,
-        decode(other, model=random_weights / MODEL).gaussians,
-    )
+    small, large = (decode(of, model=random_weights / MODEL).gaussians for of in (data, other))
     torch.testing.assert_close(large.means, small.means * unit, atol=1e-5 * unit, rtol=1e-5)
     torch.testing.assert_close(large.scales, small.scales * unit)
     assert torch.equal(large.harmonics, small.harmonics)
@@ -140,10 +142,8 @@ def test_a_stream_of_one_stage_equals_the_first_of_two_at_its_lambda(views: View
     assert lmbda == pytest.approx(6e-4, rel=0.01)
     single = encode(views, lmbda=lmbda, num_stages=1, effort=effort, model=random_weights / MODEL)
     assert read_stream(single).payloads == read_prefix(both, 1).payloads
-    assert_equal(
-        decode(single, model=random_weights / MODEL).gaussians,
-        decode(both, stages=1, model=random_weights / MODEL).gaussians,
-    )
+    first = decode(both, stages=1, model=random_weights / MODEL).gaussians
+    assert_equal(decode(single, model=random_weights / MODEL).gaussians, first)
     with pytest.raises(InputError, match="the stream has 1"):
         decode(single, stages=2, model=random_weights / MODEL)
 
@@ -168,17 +168,12 @@ def test_decoded_gaussians_can_be_refined(data: bytes, random_weights: Path) -> 
 
 
 def test_gaussians_of_cells_that_are_not_covered_are_dropped(data: bytes, random_weights: Path) -> None:
-    stream, everything = (
-        read_stream(data),
-        decode(data, model=random_weights / MODEL, background=None, merging=None).gaussians,
-    )
+    stream, everything = read_stream(data), bare(data, random_weights)
     cells = torch.rand(2, 16, 16, generator=torch.Generator().manual_seed(0)) < 0.3
     covered = write_stream(replace(stream, coverage=cells_to_bits(cells)))
     assert read_prefix(covered, 1).coverage == cells_to_bits(cells)
     kept = cells.repeat_interleave(2, dim=1).repeat_interleave(2, dim=2).flatten()
-    assert_equal(
-        decode(covered, model=random_weights / MODEL, background=None, merging=None).gaussians, everything.keep(kept)
-    )
+    assert_equal(bare(covered, random_weights), everything.keep(kept))
 
 
 @pytest.fixture(scope="module")
@@ -194,9 +189,8 @@ def test_no_gaussians_are_emitted_for_transparent_cells(transparent: Views, rand
     without_coverage = write_stream(replace(read_stream(coded), coverage=None))
     is_emitted = torch.zeros(2, 32, 32, dtype=torch.bool)
     is_emitted[:, :, 18:], is_emitted[1, 2:4, 2:4] = True, True  # two Gaussians a cell of four pixels, each way
-    everything = decode(without_coverage, model=random_weights / MODEL, background=None, merging=None).gaussians
-    received = decode(coded, model=random_weights / MODEL, background=None, merging=None).gaussians
-    assert_equal(received, everything.keep(is_emitted.flatten()))
+    everything = bare(without_coverage, random_weights)
+    assert_equal(bare(coded, random_weights), everything.keep(is_emitted.flatten()))
 
 
 def test_no_background_layer_continues_a_transparent_border(

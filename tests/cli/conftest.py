@@ -31,7 +31,7 @@ CommandLine = Callable[..., Result]
 
 
 @pytest.fixture
-def fecosplat(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> CommandLine:
+def fecosplat(found_once: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> CommandLine:
     """Call `fecosplat(*arguments)` as a terminal would, without lines of progress, which a slow machine would print."""
     monkeypatch.setattr("fecosplat_cli.progress.SECONDS_BETWEEN_LINES", float("inf"))
 

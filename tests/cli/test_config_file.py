@@ -75,7 +75,6 @@ def test_a_wrong_value_names_the_option_and_the_file_it_is_from(fecosplat, tmp_p
     assert result.code == 2
     assert "Invalid value for '--effort': 'most' is not one of" in result.err
     assert f"; the value is in {config}." in result.err
-    config = tmp_path / "options.toml"
     config.write_text('[encode]\neffort = "fast"\n')
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--effort", "most", "--config-file", config)
     assert result.code == 2

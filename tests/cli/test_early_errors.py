@@ -52,10 +52,7 @@ EARLY = [
     (("stress", "missing", "--index", "i.json", "-o", "out"), "missing: there is no such file; check the path."),
     (("render", "in.fcs", "-o", "a.bmp"), "a.bmp: files of kind .bmp are not written here"),
     (("render", "in.fcs", "-o", "out"), "in.fcs: header at byte 0: the file ends after 0 bytes"),
-    (
-        ("render", "in.fcs", "-o", "out", "--model", "no"),
-        "no: there is no such folder; name the folder of a model.",
-    ),
+    (("render", "in.fcs", "-o", "out", "--model", "no"), "no: there is no such folder; name the folder of a model."),
     (("encode", ".", "-o", "a.fcs", "--model", "no"), "no: there is no such folder; name the folder of a model."),
     (("eval", "one", "--index", "missing", "-o", "out"), "missing: there is no such file; check the path."),
     (("stress", "one", "--index", "missing", "-o", "out"), "missing: there is no such file; check the path."),
@@ -69,10 +66,7 @@ EARLY = [
     (("encode", "one", "-o", "a.fcs"), "one: one photograph without cameras, but cameras are estimated from two"),
     (("encode", "text.fcs", "-o", "a.fcs"), "text.fcs: not a camera file, nor a video by its name; give"),
     (("encode", "broken", "-o", "a.fcs"), "broken/transforms.json, line 1, column 2: broken JSON"),
-    (
-        ("encode", "absent", "-o", "a.fcs"),
-        "absent/transforms.json, frame 0 (0.png): there is no image absent/0.png",
-    ),
+    (("encode", "absent", "-o", "a.fcs"), "absent/transforms.json, frame 0 (0.png): there is no image absent/0.png"),
     (("encode", "posed", "-o", "a.fcs", "--views", "9"), "posed: 9 views asked for, but the folder has 3"),
     (("train", "text.fcs"), "text.fcs: this is not a folder; choose another output path."),
     (("train", "run", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),

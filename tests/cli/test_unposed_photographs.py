@@ -162,11 +162,8 @@ def test_videos_beside_photographs_and_cameras_in_the_folder_above_are_named(fec
     result = fecosplat("encode", scene / "images", "-o", tmp_path / "a.fcs", *FAST)
     assert result.code == 0, result.err
     assert "note: videos beside photographs are not used (clip.mp4); give one itself to use it.\n" in result.err
-    note = (
-        f"warning: {scene / 'transforms.json'} has cameras, and cameras are estimated; to use them instead, give the "
-    )
-    note += f"folder {scene}.\n"
-    assert note in result.err
+    warning = f"warning: {scene / 'transforms.json'} has cameras, and cameras are estimated; to use them instead, give "
+    assert f"{warning}the folder {scene}.\n" in result.err
 
 
 def test_a_video_that_cannot_be_read_is_one_sentence(fecosplat, tmp_path: Path) -> None:

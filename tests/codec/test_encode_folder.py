@@ -22,6 +22,8 @@ from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
 from fecocodec.model_files import is_shipped, model_folder
 from tests.example_scenes import MODEL, write_scene, write_views
 
+pytestmark = pytest.mark.usefixtures("found_once")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -143,9 +145,7 @@ def test_errors_name_the_folder(folder: Path, options: EncodingOptions) -> None:
 
 
 def test_an_unknown_effort_is_refused_before_pixels_are_read(folder: Path, tmp_path: Path) -> None:
-    broken = Path(shutil.copytree(folder, tmp_path / "scene"))
-    png = (broken / "0.png").read_bytes()
-    (broken / "0.png").write_bytes(png[: len(png) // 2])  # its header is whole
+    broken = copied(folder, tmp_path / "scene", "0.png")
     with pytest.raises(InputError, match=r"^there is no effort 'good'"):
         encode_folder(broken, EncodingOptions(effort="good"))
 
@@ -164,10 +164,10 @@ def shipped() -> EncodingOptions:
     return EncodingOptions(effort="fast", num_stages=1)
 
 
-def copied(folder: Path, target: Path, changed: str, content: bytes) -> Path:
-    """Return a copy of a folder in which one file has another content."""
-    copy = Path(shutil.copytree(folder, target))
-    (copy / changed).write_bytes(content)
+def copied(folder: Path, target: Path, changed: str, content: bytes | None = None) -> Path:
+    """Return a copy of a folder in which one file has another content, or half of its own: its header is whole."""
+    copy, whole = Path(shutil.copytree(folder, target)), (folder / changed).read_bytes()
+    (copy / changed).write_bytes(whole[: len(whole) // 2] if content is None else content)
     return copy
 
 
@@ -209,8 +209,7 @@ def test_without_guides_and_checks_the_bytes_are_those_of_the_views(seven: Path,
 
 def test_a_broken_guide_is_left_out_unless_it_is_named(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
     named = replace(shipped, views=(0, 1), num_checks=0, is_measured=False)
-    png = (seven / "3.png").read_bytes()
-    broken = copied(seven, tmp_path / "scene", "3.png", png[: len(png) // 2])  # its header is whole
+    broken = copied(seven, tmp_path / "scene", "3.png")
     report = encode_folder(broken, named)
     sentence = "3.png is left out: the image is damaged, cut short or"
     assert report.guides.names == ("2.png", "4.png", "5.png", "6.png")
@@ -229,8 +228,7 @@ def test_another_photograph_takes_the_place_of_a_broken_one(
 ) -> None:
     options = replace(shipped, views=Spread(2), num_checks=0, is_measured=False)
     first, second = encode_folder(seven, options).names
-    png = (seven / second).read_bytes()
-    broken = copied(seven, tmp_path / "scene", second, png[: len(png) // 2])
+    broken = copied(seven, tmp_path / "scene", second)
     report = encode_folder(broken, options)
     assert len(report.names) == 2 and second not in (*report.names, *report.guides.names)
     (warning,) = (warning for warning in report.warnings if second in warning)
@@ -248,8 +246,7 @@ def test_a_broken_photograph_among_few_is_left_out_unless_it_is_named(
     folder: Path, options: EncodingOptions, tmp_path: Path, views: All | None
 ) -> None:
     options = replace(options, views=views, guides=None if views is None else (), num_stages=1, is_measured=False)
-    whole = (folder / "1.png").read_bytes()
-    for number, data in enumerate((b"", b"version https://git-lfs.github.com/spec/v1", whole[: len(whole) // 2])):
+    for number, data in enumerate((b"", b"version https://git-lfs.github.com/spec/v1", None)):
         broken = copied(folder, tmp_path / str(number), "1.png", data)
         report = encode_folder(broken, options)
         assert report.names == ("0.png",)
@@ -257,7 +254,7 @@ def test_a_broken_photograph_among_few_is_left_out_unless_it_is_named(
         assert warning.startswith("1.png is left out: the image is damaged, cut short or")
         with pytest.raises(InputError, match=rf"^{broken / '1.png'}: the image is damaged"):
             encode_folder(broken, replace(options, views=(0, 1)))
-        (broken / "0.png").write_bytes(data + b" ")
+        (broken / "0.png").write_bytes((broken / "1.png").read_bytes() + b" ")
         with pytest.raises(InputError, match=rf"^{broken / '0.png'}: the image is damaged"):
             encode_folder(broken, options)
 
@@ -277,8 +274,7 @@ def test_what_was_read_is_said_before_how_many_are_coded(seven: Path, shipped: E
 def test_another_check_takes_the_place_of_a_broken_one(seven: Path, shipped: EncodingOptions, tmp_path: Path) -> None:
     options = replace(shipped, views=Spread(2), num_stages=1, is_measured=False)
     (check,) = encode_folder(seven, options).checks.names
-    png = (seven / check).read_bytes()
-    report = encode_folder(copied(seven, tmp_path / "scene", check, png[: len(png) // 2]), options)
+    report = encode_folder(copied(seven, tmp_path / "scene", check), options)
     assert len(report.checks.names) == 1 and check not in (*report.checks.names, *report.guides.names)
     (warning,) = (warning for warning in report.warnings if check in warning)
     assert warning.startswith(f"{check} is left out: the image is damaged, cut short or")

@@ -16,13 +16,14 @@ from fecocodec.evaluation.stress.perturbations import turned
 from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
-COUNT, DEGREES = 9, 3.0
+pytestmark = pytest.mark.usefixtures("found_once")
+COUNT, DEGREES = 7, 3.0
 
 
 @pytest.fixture(scope="module")
 def views() -> Views:
     poses = torch.stack([look((0.08 * step - 0.32, 0.02 * step, -1.5)) for step in range(COUNT)])
-    return photograph(Room(painted), poses, (128, 128))
+    return photograph(Room(painted), poses, (96, 96))
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,12 @@ from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
 from fecocodec.geometry.views import Views
 from tests.example_scenes import write_views
 
+pytestmark = pytest.mark.usefixtures("found_once")
 OPTIONS = EncodingOptions(effort="fast", num_stages=1, num_checks=0, is_measured=False)
 
 
 def room(centres: list[tuple[float, float, float]]) -> Views:
-    return photograph(Room(painted), torch.stack([look(centre) for centre in centres]), (96, 128))
+    return photograph(Room(painted), torch.stack([look(centre) for centre in centres]), (64, 80))
 
 
 @pytest.mark.parametrize(("gain", "count"), [(0.0, 2), (0.029, 2), (0.031, 16), (0.1, 16)])
@@ -47,7 +48,7 @@ def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
 
 def test_a_photograph_of_another_scene_is_not_coded(tmp_path: Path) -> None:
     views = room([(step, 0.05 * step, -1.5) for step in (-1.0, -0.6, -0.2, 0.2, 0.6, 1.0)])
-    other = photograph(Room(lambda points: waves(points, 9)), views.cameras.extrinsics, (96, 128))
+    other = photograph(Room(lambda points: waves(points, 9)), views.cameras.extrinsics, (64, 80))
     images = views.images.clone()
     images[3] = other.images[3].flip(-2)
     write_views(tmp_path, replace(views, images=images))

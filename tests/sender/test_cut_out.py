@@ -79,10 +79,7 @@ def test_cut_outs_come_out_better_than_when_judged_on_white_alone(shipped_codec:
         gaussians = decode_with(
             shipped_codec.receiver, write_scene(encoder, scene, quantise_lambda(1e-4), 2, DEFAULT)
         ).gaussians
-        for background, image in (
-            (WHITE, cut_out_views.images),
-            (BLACK, cut_out_views.images - (1.0 - opacity)),
-        ):
+        for background, image in ((WHITE, cut_out_views.images), (BLACK, cut_out_views.images - (1.0 - opacity))):
             picture = render(gaussians, cut_out_views.cameras, SIZE, background).color.clamp(0, 1)
             quality[name, background] = float(psnr(picture, image).mean())
     assert quality["both", BLACK] > quality["white", BLACK] + 0.5

@@ -64,7 +64,6 @@ def test_guides_are_brightened_or_left_out(shipped_codec: Codec, views: Views) -
     assert scene.guides is not None
     before, after = ((images - guides.images).abs().mean() for images in (dark.images, scene.guides.images))
     assert after < 0.5 * before
-    context, guides = views.select([0, 1]), views.select([2, 3])
     cut_out = replace(context, alpha=torch.ones(2, *SIZE))
     said: list[str] = []
     _, scene = matched_scene(shipped_codec, cut_out, guides, said.append)

@@ -63,13 +63,7 @@ def test_blocks_run_in_bfloat16_and_depth_matching_and_points_do_not(converted: 
         "receiver.predictor.attention.offset_bias",
     ):
         assert seen[name] == {torch.float32}
-    parts = (
-        "receiver.synthesis",
-        "receiver.update",
-        "sender.analysis",
-        "sender.feedback",
-        "receiver.predictor.fine",
-    )
+    parts = ("receiver.synthesis", "receiver.update", "sender.analysis", "sender.feedback", "receiver.predictor.fine")
     assert all(seen[name] == {torch.float32} for name in parts)
 
 

@@ -18,13 +18,7 @@ from fecocodec.sender.decoded_quality import measure_decoded, new_view_quality
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
-from fecocodec.sender.rate_control import (
-    NUM_FAST_ENCODINGS,
-    NUM_FULL_ENCODINGS,
-    Attempt,
-    encode_to_target_with,
-    search,
-)
+from fecocodec.sender.rate_control import NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS, Attempt, encode_to_target_with, search
 from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 
@@ -84,10 +78,7 @@ def test_a_quality_is_reached_and_exceeded_by_little(psnr: float, curve_of: type
     assert curve.calls[DEFAULT] <= NUM_FULL_ENCODINGS
 
 
-@pytest.mark.parametrize(
-    ("target", "lambda_q"),
-    [(AtMostKib(1000.0), 0), (AtLeastPsnr(5.0), 1768)],
-)
+@pytest.mark.parametrize(("target", "lambda_q"), [(AtMostKib(1000.0), 0), (AtLeastPsnr(5.0), 1768)])
 def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Target, lambda_q: int) -> None:
     assert search(Curve(0.0), target, DEFAULT, DEFAULT.num_steps, NAMES, quiet).lambda_q == lambda_q
 

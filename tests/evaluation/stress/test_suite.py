@@ -18,6 +18,7 @@ from fecocodec.sender.encode import encode_with
 from fecocodec.sender.optimisation_config import FAST
 from tests.example_scenes import MODEL
 
+pytestmark = pytest.mark.usefixtures("found_once")
 SCENE = "wall"
 
 
