@@ -39,7 +39,7 @@ from fecocodec.sender.view_quality import (
 if TYPE_CHECKING:
     from fecocodec.codec.encode_views import Photographs
 
-TIMES = 0.2, 0.75, 0.05  # for progress: of the choice of views, encoding, and measuring
+TIMES = 0.2, 0.68, 0.12  # for progress: of the choice of views, encoding, and measuring
 
 
 @dataclass(frozen=True)

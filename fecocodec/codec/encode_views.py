@@ -86,7 +86,8 @@ def _with_one_exposure(parts: list[Views], corners: list[Corners], messages: Mes
     if factors is None:
         return parts
     largest = max(float(torch.maximum(of_part, 1.0 / of_part).max()) for of_part in factors) - 1.0
-    messages.note(f"exposures or white balances differ by up to {largest:.0%} between neighbours; they are made alike.")
+    differ = f"exposures or white balances differ by up to {largest:.0%} between neighbours"
+    messages.note(f"{differ}; they are made alike, and quality is measured against photographs so changed.")
     return [with_factors(*pair) for pair in zip(parts, factors, strict=True)]
 
 
