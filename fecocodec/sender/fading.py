@@ -29,8 +29,8 @@ from fecocodec.sender.scene import Guides
 LEAST_VIEWS = 5  # with fewer views that fit, factors fit the photographs and not what is between them
 # Chosen on captures that the weights were not trained on (docs/what_we_learned.md, More views).
 NUM_STEPS, NUM_STEPS_OF_FEW = 4, 6
-# dB of the coded photographs, for which few views fade. Of 50 sets with a view that none confirms, new views of those
-# that gain so much are 0.05 to 0.24 dB better, those of the others -0.2 to 0.5; on the entries of dev, up to 2.4 worse.
+# dB of the coded photographs, for which few views fade. Of 30 sets with a view that none confirms, new views of the
+# three that gain so much are 0.05 to 0.24 dB better, those of the others -0.2 to 0.5; of a dev entry, 2.4 dB worse.
 LEAST_GAIN_OF_FEW = 0.25
 ADDED_ERROR = 1e-10  # to the mean squared error: the PSNR is at most 100 dB, with a finite gradient
 GUIDES_OF_STEP = 4  # about; more take turns
