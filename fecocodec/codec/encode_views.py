@@ -87,7 +87,7 @@ def _with_one_exposure(parts: list[Views], corners: list[Corners], messages: Mes
         return parts
     largest = max(float(torch.maximum(of_part, 1.0 / of_part).max()) for of_part in factors) - 1.0
     differ = f"exposures or white balances differ by up to {largest:.0%} between neighbours"
-    messages.note(f"{differ}; they are made alike, and quality is measured against photographs so changed.")
+    messages.note(f"{differ}; they are made alike, and PSNR compares with these changed photographs.")
     return [with_factors(*pair) for pair in zip(parts, factors, strict=True)]
 
 

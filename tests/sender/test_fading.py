@@ -131,6 +131,15 @@ def test_of_few_views_those_fade_that_nothing_confirms() -> None:
     assert read_stream(encode(far.select([0, 2]), effort=FEW_STEPS)).fading is None
 
 
+def test_few_views_fade_only_if_the_photographs_gain_much(cameras, photographs, foggy) -> None:
+    few = list(range(LEAST_VIEWS - 1))
+    gaussians = foggy.keep(torch.arange(foggy.count) < len(few) * (SIDE // 2) ** 2)
+    as_shown = render(gaussians, cameras.select(few), (SIDE, SIDE)).color
+    nearly_so = torch.lerp(as_shown, photographs[few], 0.05)
+    assert not fader(nearly_so, cameras.select(few))(gaussians, None).levels.any()
+    assert fader(photographs[few], cameras.select(few))(gaussians, None).levels[2, 1, 2] > 0
+
+
 def test_scenes_that_would_take_long_are_not_faded(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fecocodec.sender.encode.MAX_PIXELS", LEAST_VIEWS * 64 * 64 - 1)
     data = encode(example_views(LEAST_VIEWS), effort=FEW_STEPS, model=random_weights / MODEL)
