@@ -27,8 +27,8 @@ _UNDISTORTION_STEPS = 20
 MatchedPoints = Mapping[Pair, tuple[Points, Points]]
 Errors = Float[np.ndarray, " _"]
 _EXPLAINED_PX = 4.0  # as in the reconstruction
-_LEAST_SHARE = 0.75  # of the matches between two parts; chosen on training scenes
-_STRONG_LINK = 30  # explained matches of a pair of photographs that join two parts in any case; pycolmap asks for 30
+LEAST_SHARE = 0.75  # of the matches between two parts; chosen on 33 training and validation captures, as the next is
+_STRONG_LINK = 60  # explained matches of a pair of photographs that join two parts in any case
 _NO_LINK = 1e-6  # explained matches of a pair without any
 Counts = Float[np.ndarray, "camera camera"]
 Part = Bool[np.ndarray, " camera"]
@@ -130,7 +130,7 @@ def joined_names(cameras: tuple[EstimatedCamera, ...], points: MatchedPoints) ->
     while len(kept) > 2:
         within = np.ix_(kept, kept)
         cuts = _cuts(explained[within], total[within])
-        weak = [part for share, link, part in cuts if share < _LEAST_SHARE and link < _STRONG_LINK]
+        weak = [part for share, link, part in cuts if share < LEAST_SHARE and link < _STRONG_LINK]
         if not weak:
             break
         kept = kept[~weak[0]]

@@ -1,11 +1,11 @@
 """Warnings about estimated cameras that may be wrong."""
 
+from fecocodec.poses.estimate_choice import LEAST_SHARE
 from fecocodec.poses.estimated_cameras import Ambiguity, ImageGroup, Reconstruction
 
 # Limits of a warning, chosen on training scenes (docs/inputs.md): change of the focal length, and differences of a
 # second estimate in degrees.
 _FOCAL_CHANGE, _ROTATION_DIFFERENCE, _DIRECTION_DIFFERENCE = 1.5, 1.5, 5.0
-_LEAST_EXPLAINED = 0.7  # of the matches between two parts of the photographs
 # Two photographs: ratio of focal lengths that explain the matches equally well, and degrees to another direction.
 _FOCAL_SPAN, _OTHER_DIRECTION = 1.7, 15.0
 
@@ -24,7 +24,7 @@ def reliability_warnings(found: Reconstruction, groups: list[ImageGroup], focal_
         reasons.append(f"the estimated focal length is {change:.2f} times the initial one")
     if found.ambiguity is None:
         reasons += _differences(found.difference, is_fixed=is_fixed)
-        if found.explained < _LEAST_EXPLAINED:
+        if found.explained < LEAST_SHARE:
             reasons.append(f"they contradict {1 - found.explained:.0%} of the matches between two parts of them")
     if not reasons:
         return []

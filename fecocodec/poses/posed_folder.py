@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,13 @@ _MANY_MATCHES = 30  # of a pair; such pairs are counted in a note
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+# Why a photograph has no camera, after "left out"; its number of points.
+_UNMATCHED = ": no matches with another photograph; take it again with more overlap"
+_SCARCE = (
+    ", with {} points whose position the others determine; a camera needs "
+    f"{LEAST_POINTS}, so add photographs in between"
+)
+_MISFIT = ": no camera fits the {} points whose position the others determine; something moved, or parts look alike"
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
 
@@ -186,20 +194,18 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
 
 
 def _left_out(photographs: list[Path], found: Reconstruction) -> list[str]:
-    """Return a warning for each photograph whose camera could not be estimated."""
-    registered, warnings = {camera.name for camera in found.cameras}, list[str]()
+    """Return a warning for each reason for which photographs have no camera."""
+    registered, matched = {camera.name for camera in found.cameras}, set(chain(*found.matches))
+    groups: dict[str, list[Path]] = {_UNMATCHED: [], _SCARCE: [], _MISFIT: []}
     for path in photographs:
         if path.name not in registered:
-            reached = found.reached.get(path.name, 0)
-            if not any(path.name in pair for pair in found.matches):
-                reason = "no matches with another photograph; take it again with more overlap"
-            elif reached < LEAST_POINTS:
-                reason = f"it shows {reached or 'no'} points whose position the others determine, and a camera needs "
-                reason += f"{LEAST_POINTS}; add photographs between it and the others"
-            else:
-                reason = f"it shows {reached} points whose position the others determine, but no camera fits them"
-                reason += "; something moved, or parts of the scene look alike"
-            warnings.append(f"{path.name} is left out: {reason}.")
+            is_scarce = found.reached.get(path.name, 0) < LEAST_POINTS
+            groups[_UNMATCHED if path.name not in matched else _SCARCE if is_scarce else _MISFIT].append(path)
+    warnings = []
+    for reason, paths in groups.items():
+        counts = sorted({found.reached.get(path.name, 0) for path in paths}) or [0]
+        points = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else str(counts[0] or "no")
+        warnings += [f"{_listed(paths)} left out{reason.format(points)}."] if paths else []
     return warnings
 
 

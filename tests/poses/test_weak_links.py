@@ -32,7 +32,8 @@ CHAIN = {"ab": 200, "bc": 150, "de": 200, "ef": 120}
     ("fitting", "contradicting", "kept"),
     [
         (CHAIN | {"cd": 20}, {}, "abcdef"),  # few matches, of which none contradicts
-        (CHAIN | {"cd": 40}, {"cd": 60}, "abcdef"),  # a link that is strong enough by itself
+        (CHAIN | {"cd": 70}, {"cd": 90}, "abcdef"),  # a link that is strong enough by itself
+        ({"ab": 200, "bc": 150, "cd": 150, "de": 40, "ef": 120}, {"de": 60}, "abcd"),
         (CHAIN | {"cd": 20, "ae": 10}, {"bd": 9}, "abcdef"),
         ({"ab": 200, "bc": 150, "ac": 90, "cd": 90, "de": 90, "ef": 20}, {"df": 18}, "abcde"),
         # A wrong photograph brings its true neighbours with it, which agree with each other.
