@@ -15,6 +15,7 @@ from fecocodec.camera_files.posed_photographs import PosedPhotographs, distinct_
 from fecocodec.captures.archives import is_archive, unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
+from fecocodec.codec.guide_choice import TOO_FAR, shown_note
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import LEAST_FOR_CHOICE, Roles, choose_roles
@@ -177,13 +178,13 @@ def _read(
     Others replace checks that cannot be read, if none is left, and coded views that are not named.
     """
 
-    counted: list[str] = []
+    shares: dict[int, float] = {}
 
     def decide(order: list[int], others: list[int]) -> list[int]:
         from fecocodec.codec.view_count import coded_views  # it loads torch
 
         on_progress("choosing views", 0.0)
-        return coded_views(scene, options, counted.append, order, others)
+        return coded_views(scene, options, shares.update, order, others)
 
     roles = choose_roles(
         scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
@@ -192,7 +193,8 @@ def _read(
     for sentence in roles.omissions:
         messages.omit(sentence)
     chosen = _framed(scene, roles, options, messages)
-    messages.note(*counted)
+    if shares:
+        messages.note(shown_note(len(roles.context), shares, roles.unused.get(TOO_FAR, ())))
 
     from fecocodec.captures.scene_folder import with_problems
     from fecocodec.codec.encode_views import read_photographs

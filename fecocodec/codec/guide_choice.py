@@ -1,6 +1,7 @@
 """Which photographs guide, and why others are not used."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
+from statistics import fmean
 
 from fecocodec.captures.view_selection import Guides, Spread
 from fecocodec.captures.view_spread import Overlap, is_duplicate, k_centres, within_reach
@@ -42,6 +43,16 @@ def reasons(
             reason = BEYOND.format(_most(guides))
         found.setdefault(reason, []).append(index)
     return found
+
+
+def shown_note(num_coded: int, shares: Mapping[int, float], too_far: Collection[int]) -> str:
+    """Return a sentence on what the coded photographs show of those that overlap with them.
+
+    shares: that they show of each photograph, by its index. too_far: indices of those not used because of TOO_FAR.
+    """
+    shown = fmean(share for index, share in shares.items() if index not in too_far)
+    but = f" except the {len(too_far)} with too little overlap" if too_far else ""
+    return f"{num_coded} photographs are coded; on average they show {shown:.0%} of each photograph{but}."
 
 
 def _most(guides: Guides) -> int:
