@@ -35,6 +35,7 @@ from fecocodec.sender.view_quality import (
     new_view_warnings,
     quality_warnings,
     stage_2_note,
+    worst_view_warnings,
 )
 
 if TYPE_CHECKING:
@@ -145,14 +146,16 @@ def encode_folder(
                 data, (quality, (of_guides, of_checks)) = alone, of_one
         if checks is None or len(checks.names) == 1:
             left_out = measure_left_out(data, views, device=device, model=model)
+        worst = worst_view_warnings(quality[-1], views.names)
         if checks is not None and of_checks is not None:
             is_any_left = guides is not None or len(roles.unused) > 0
             count = len(views.names)
-            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort))
-        elif poor := quality_warnings(quality[-1], views.names, options.effort):
-            messages.warn(*poor)
-        elif left_out is not None and is_shipped(read_header(data).header.model_id):
-            messages.warn(*left_out_warnings(left_out, views.names))
+            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort), *worst)
+        else:
+            poor = quality_warnings(quality[-1], views.names, options.effort)
+            if not poor and left_out is not None and is_shipped(read_header(data).header.model_id):
+                poor = left_out_warnings(left_out, views.names)
+            messages.warn(*(poor or worst))
     name_of = distinct_names([photograph.path for photograph in scene.photographs])
     return EncodingReport(
         data,
