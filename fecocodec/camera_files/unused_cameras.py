@@ -81,7 +81,7 @@ def _notes_above(folder: Path, outcome: str) -> list[str]:
             ]
     for level, parent in enumerate(_above(folder)):
         read = {folder.absolute(), *_camera_files(parent)}
-        if unread := unread_cameras_around(parent, read, is_near=level == 0):
+        if unread := unread_cameras_around(parent, read, names, is_near=level == 0):
             return [
                 f"cameras above the photographs ({unread} in {parent}) are not read{outcome}; to use them, {CONVERT}."
             ]

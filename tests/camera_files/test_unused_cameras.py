@@ -79,7 +79,8 @@ def test_cameras_above_and_beside_the_folder_of_the_photographs(
 def test_folders_of_other_things_above_are_quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_photographs(tmp_path / "kitchen", shots(2))
     write_photographs(tmp_path / "camera_roll", shots(2))
-    for file in ("camera_roll/a.json", "camera/settings/a.json", "my old camera shots/a.json", "cameras.zip"):
+    unrelated = "camera_roll/a.json", "camera/settings/a.json", "my old camera shots/a.json", "cams/hall.json"
+    for file in (*unrelated, "cameras.zip"):
         put(tmp_path / file, "{}")
     assert unread_cameras_notes(tmp_path / "kitchen") == []
     put(tmp_path / "poses.npy", "")
