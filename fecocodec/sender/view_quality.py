@@ -15,7 +15,8 @@ LEAST_PSNR = 22.0
 # models than the shipped one.
 LEAST_LEFT_OUT_PSNR = 17.0
 # dB by which a view may be worse from the others' Gaussians than the median of the others. On training captures, 4% of
-# the scenes with right cameras have such a view, and 40% of those with one camera turned by 15 degrees.
+# the scenes with right cameras have such a view, and 40% of those with one camera turned by 15 degrees. Two of eight
+# captures (dorm_room, museum_head; fast, 192x192) have a coded view so far below the others as decoded.
 LARGEST_GAP, LEAST_COMPARED = 6.0, 3
 CHECK_CAMERAS = "check that each camera belongs to its photograph"  # the last advice: most cameras are right
 LEAST_NEW_PSNR = 20.0  # dB, mean of photographs that were not used, below which `new_view_warnings` calls them poor
