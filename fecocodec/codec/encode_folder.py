@@ -232,8 +232,7 @@ def _framed(
         messages.warn(*unposed_notes(scene))
     messages.note(*chosen.remarks)
     messages.warn(*chosen.notes)
-    pinholes = [pinhole for _, pinhole in chosen.lenses]
-    if options.size is None and (remark := scaling_remark(pinholes, chosen.image_size)):
+    if options.size is None and (remark := scaling_remark(chosen.lenses, chosen.image_size)):
         messages.note(remark)
     guides, checks = (of(part, chosen.image_size) if part else None for part in (roles.guides, roles.checks))
     return chosen, guides, checks
