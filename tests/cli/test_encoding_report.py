@@ -50,8 +50,8 @@ def test_sizes_quality_and_detail_are_said(stream_bytes: bytes, capsys: pytest.C
     say_result("scene.fcs", report(("a.png", "b.png"), QUALITY, checks=checks), inspect(stream_bytes))
     *_, of_coded, of_new = capsys.readouterr().err.splitlines()
     assert of_new == (
-        "  new views:              22.50 dB, PSNR of new views, measured on 2 photographs that were not used "
-        "(worst 22.00 dB, d.png)"
+        "  new views:              22.50 dB, PSNR of new views, measured on 2 photographs that were not used, "
+        "c.png, d.png (worst 22.00 dB, d.png)"
     )
     assert of_coded.index("dB") == of_new.index("dB")
     data = (Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "detail-of-one-stage.fcs").read_bytes()
@@ -63,7 +63,7 @@ def test_sizes_quality_and_detail_are_said(stream_bytes: bytes, capsys: pytest.C
     checks = OtherViews(("c.png",), DecodedQuality((24.0,)))
     summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, checks=checks, is_fitted=True)
     say_result("scene.fcs", found, summary)
-    assert "measured on one photograph that was not used, to which lambda is fitted\n" in capsys.readouterr().err
+    assert "measured on one photograph that was not used, c.png, to which lambda is fitted\n" in capsys.readouterr().err
     assert report_fields(found, summary)["new_view_psnr_is_fitted"] is True
 
 
