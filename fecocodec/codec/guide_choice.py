@@ -60,7 +60,7 @@ def shown_note(num_coded: int, shares: Mapping[int, float], too_far: Collection[
     shares: that they show of each photograph, by its index. too_far: indices of those not used because of TOO_FAR.
     """
     shown = fmean(share for index, share in shares.items() if index not in too_far)
-    but = f" except the {len(too_far)} with too little overlap" if too_far else ""
+    but = f" except {len(too_far)} with too little overlap" if too_far else ""
     return f"{num_coded} photographs are coded; on average they show {shown:.0%} of each photograph{but}."
 
 

@@ -61,5 +61,5 @@ def test_a_photograph_of_another_scene_is_not_coded(tmp_path: Path) -> None:
 def test_the_share_leaves_out_what_overlaps_too_little() -> None:
     shares = {0: 1.0, 1: 1.0, 2: 0.7, 3: 0.0}
     start = "2 photographs are coded; on average they show"
-    assert shown_note(2, shares, [3, 5]) == f"{start} 90% of each photograph except the 2 with too little overlap."
+    assert shown_note(2, shares, [3, 5]) == f"{start} 90% of each photograph except 2 with too little overlap."
     assert shown_note(2, {0: 1.0, 1: 0.5}, ()) == f"{start} 75% of each photograph."
