@@ -173,7 +173,8 @@ def say_result(output: str, report: "EncodingReport", summary: StreamSummary, so
     say(f"  in all:  {summary.total_bytes / 1024:8.2f} KiB  {quality[-1].psnr:6.2f} dB, PSNR of the {views} as decoded")
     if (new_views := report.checks.quality) is not None:
         names = report.checks.names
-        on = f"{of_input(source, photographs(len(names)))}{_worst(names, new_views) if len(names) > 1 else ''}"
+        on = f"{of_input(source, photographs(len(names)))}, {some_of(names)}"
+        on += _worst(names, new_views) if len(names) > 1 else ""
         on += ", to which lambda is fitted" if report.is_fitted else ""
         say(f"{'  new views:':25}{new_views.psnr:6.2f} dB, PSNR of new views, measured on {on}")
     if (left_out := report.left_out) is not None:

@@ -132,16 +132,14 @@ def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
 
 
 def _lambda(header: Header, *, has_detail: bool) -> str:
-    """Return lambda with its meaning. Stage 1 is coded at a larger lambda, to fewer bytes, because stage 2 follows.
+    """Return lambda of each stage with its meaning. Stage 1 has a larger one, to fewer bytes, because stage 2 follows.
 
     With detail, the last stage may be coded at a larger lambda than the user's, which the file does not hold.
     """
-    text = f"{header.lambda_of_stage(2):.4g} of the last stage (a larger one gives a smaller, coarser file"
-    if has_detail:
-        text += "; with detail, this may exceed the --lambda that was given"
-    if not header.first_stage_excess:
-        return f"{text})"
-    return f"{text}; stage 1, which stage 2 corrects, has lambda {header.lambda_of_stage(1):.4g})"
+    stages = range(1, header.num_stages + 1)
+    values = ", ".join(f"{header.lambda_of_stage(stage):.4g} in stage {stage}" for stage in stages)
+    detail = "; the --lambda that was given may be smaller, because detail follows" if has_detail else ""
+    return f"{values} (a larger one gives a smaller, coarser file{detail})"
 
 
 def decoding_gib(header: Header) -> float:

@@ -87,14 +87,16 @@ def unread_cameras(folder: Path, read: set[Path], count: int = 0) -> str:
     return _listed(folder, _found(folder, files, others, read, count))
 
 
-def unread_cameras_around(folder: Path, read: set[Path], *, is_near: bool) -> str:
+def unread_cameras_around(folder: Path, read: set[Path], names: set[str], *, is_near: bool) -> str:
     """Return such files in a folder above photographs, which may hold other scenes, too. is_near: if directly above.
 
-    Folders count by names such as `corrected_cameras` if there are neither folders nor images in them.
+    names: of the photographs. Folders count by names such as `corrected_cameras` if there are neither folders nor
+    images in them, but files called as cameras or numbered as the photographs are.
     """
+    keys = {_key(Path(name)) for name in names}
     files = [path for kind in _KINDS for path in sorted(folder.glob(kind.pattern))]
     near = walk(folder, 1) if is_near else ()
-    others = [path for path in near if has_camera_name(path) and _is_of_cameras(path)]
+    others = [path for path in near if has_camera_name(path) and _is_of_cameras(path, keys)]
     return _listed(folder, _found(folder, files, others, read))
 
 
@@ -136,12 +138,20 @@ def _found(
             yield "", path
 
 
-def _is_of_cameras(path: Path) -> bool:
-    """Return whether nothing else is likely in what has a name of cameras."""
+def _is_of_cameras(path: Path, keys: set[str]) -> bool:
+    """Return whether nothing else is likely in what has a name of cameras. keys: of the photographs."""
     if not path.is_dir():
         return path.suffix.lower() not in ARCHIVE_SUFFIXES
-    has_more = any(below.is_dir() or has_image_name(below) for below in path.iterdir())
-    return not has_more and len(words_of(path.name)) <= _MOST_WORDS
+    files = list(path.iterdir())
+    if len(words_of(path.name)) > _MOST_WORDS or any(below.is_dir() or has_image_name(below) for below in files):
+        return False
+    return any(_key(below) in keys or has_camera_name(below) for below in files)
+
+
+def _key(path: Path) -> str:
+    """Return the last number in the name of a file, else its name, by which cameras and photographs correspond."""
+    numbers = re.findall(r"\d+", path.stem)
+    return str(int(numbers[-1])) if numbers else path.stem
 
 
 def _top(folder: Path, path: Path) -> Path:

@@ -9,6 +9,7 @@ from fecocodec.camera_files.colmap_tables import is_colmap_model
 from fecocodec.camera_files.formats import camera_files, cameras_elsewhere, named_images
 from fecocodec.camera_files.other_cameras import unread_cameras, unread_cameras_around
 from fecocodec.errors import InputError, some_of
+from fecocodec.input_file import read_json
 from fecocodec.poses.unposed_photographs import find_photographs
 
 CONVERT = "convert them to a transforms.json or a COLMAP model"
@@ -37,6 +38,26 @@ def unread_cameras_notes(folder: Path, *, outcome: str = ", and cameras are esti
     return notes
 
 
+def earlier_estimate_notes(folder: Path) -> list[str]:
+    """Return a sentence on saved cameras above the folder that were estimated for its photographs."""
+    for parent in _above(folder) if folder.is_dir() else ():
+        cameras, folders = _camera_files(parent), {path.parent.resolve() for path in named_images(parent)}
+        if cameras and _is_estimate(cameras[0]) and folder.resolve() in folders:
+            return [
+                f"{cameras[0]} has cameras of an earlier estimate, but cameras are estimated again; to use those, give "
+                f"the folder {parent}."
+            ]
+    return []
+
+
+def _is_estimate(path: Path) -> bool:
+    """Return whether `PosedFolder.save_cameras` wrote a camera file."""
+    with suppress(InputError):
+        scene = read_json(path) if path.suffix.lower() == ".json" else None
+        return isinstance(scene, dict) and scene.get("is_estimated") is True
+    return False
+
+
 def _is_of_others(path: Path, photographs: list[Path]) -> bool:
     """Return whether cameras are of other photographs, which are there, as if of another scene in a folder below."""
     found = {image.name for image in named_images(path) if image.is_file()}
@@ -48,6 +69,8 @@ def _notes_above(folder: Path, outcome: str) -> list[str]:
     here, names = folder.resolve(), {path.name for path in find_photographs(folder)}
     for parent in _above(folder):
         cameras, named = _camera_files(parent), named_images(parent)
+        if cameras and _is_estimate(cameras[0]):
+            continue
         found = [path for path in named if path.is_file()]
         if any(path.parent.resolve() == here for path in found):
             return [f"{cameras[0]} has cameras{outcome}; to use them instead, give the folder {parent}."]
@@ -58,7 +81,7 @@ def _notes_above(folder: Path, outcome: str) -> list[str]:
             ]
     for level, parent in enumerate(_above(folder)):
         read = {folder.absolute(), *_camera_files(parent)}
-        if unread := unread_cameras_around(parent, read, is_near=level == 0):
+        if unread := unread_cameras_around(parent, read, names, is_near=level == 0):
             return [
                 f"cameras above the photographs ({unread} in {parent}) are not read{outcome}; to use them, {CONVERT}."
             ]

@@ -92,11 +92,11 @@ def framed(
     poses = np.stack([rigid_pose(photograph.camera_to_world, photograph.place) for photograph in photographs])
     require_float32_range(poses, str(scene.cameras_path))
     lenses = [stored_lens(photograph) for photograph in photographs]
-    pinholes = [pinhole for _, pinhole in lenses]
-    common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs])
+    stored, pinholes = ([pair[part] for pair in lenses] for part in (0, 1))
+    common = size or common_size(pinholes, [str(photograph.path) for photograph in photographs], stored)
     intrinsics = np.stack([framed_intrinsics(pinhole, common) for pinhole in pinholes])
     sizes = [photograph.declared_size for photograph in photographs]
-    notes = [*notes, *lens_notes(pinholes, names, sizes), *framing_notes(pinholes, names, common)]
+    notes = [*notes, *lens_notes(stored, names, sizes), *framing_notes(lenses, names, common)]
     paths = [photograph.path for photograph in photographs]
     notes += orientation_notes(paths)
     remarks = (*scene.remarks, *picture_remarks(paths))

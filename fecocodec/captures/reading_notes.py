@@ -24,22 +24,22 @@ MOST_NAMED = 20  # photographs in one note
 _BEGINNING_BYTES = 1 << 14  # of files that are compared as a whole only if these are equal
 
 
-def framing_notes(pinholes: list[Lens], names: list[str], size: tuple[int, int]) -> list[str]:
-    """Return notes on mixed sizes or orientations and on large crops. size: (height, width) of the result."""
+def framing_notes(lenses: list[tuple[Lens, Lens]], names: list[str], size: tuple[int, int]) -> list[str]:
+    """Return notes on mixed sizes or orientations and on large crops. lenses, size: as in `ChosenPhotographs`."""
     notes = []
-    sizes = Counter((lens.width, lens.height) for lens in pinholes)
+    sizes = Counter((lens.width, lens.height) for lens, _ in lenses)
     if len(sizes) > 1:
         found = ", ".join(f"{count} of {width}x{height}" for (width, height), count in sizes.most_common(4))
-        kind = "orientations" if len({lens.width > lens.height for lens in pinholes}) > 1 else "sizes"
+        kind = "orientations" if len({width > height for width, height in sizes}) > 1 else "sizes"
         notes.append(
             f"the photographs have several {kind} ({found}); all are cropped and resized to "
             f"{size[1]}x{size[0]}; choose photographs of one size by `views`."
         )
-    shares = [kept_share(lens, size) for lens in pinholes]
+    shares = [kept_share(pinhole, size) for _, pinhole in lenses]
     least = min(shares)
     if least < LEAST_KEPT_SHARE:
         worst = shares.index(least)
-        lens = pinholes[worst]
+        lens, _ = lenses[worst]
         notes.append(
             f"the crop to {size[1]}x{size[0]} leaves {100 * least:.0f}% of {names[worst]} "
             f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
@@ -204,16 +204,17 @@ def _photographs(count: int) -> str:
     return f"{count} photograph" + ("" if count == 1 else "s")
 
 
-def scaling_remark(pinholes: list[Lens], size: tuple[int, int]) -> str | None:
-    """Return a sentence if photographs are scaled down, None otherwise. size: (height, width) of the result."""
-    (width, height), _ = Counter((lens.width, lens.height) for lens in pinholes).most_common(1)[0]
+def scaling_remark(lenses: list[tuple[Lens, Lens]], size: tuple[int, int]) -> str | None:
+    """Return a sentence if photographs are scaled down, None otherwise. lenses, size: as for `framing_notes`."""
+    sizes = Counter((pinhole.width, pinhole.height, lens.width, lens.height) for lens, pinhole in lenses)
+    width, height, *stored = sizes.most_common(1)[0][0]
     if (height, width) == size:
         return None
     reason = f"no side may exceed {MAX_SIDE} pixels"
     if max(size) < min(MAX_SIDE, max(width, height)):
-        count = len(pinholes)
+        count = len(lenses)
         reason = f"{count} coded views have at most {most_pixels(count):,} pixels together unless `size` is given"
-    return f"photographs of {width}x{height} are coded at {size[1]}x{size[0]}; {reason}."
+    return f"photographs of {stored[0]}x{stored[1]} are coded at {size[1]}x{size[0]}; {reason}."
 
 
 def orientation_notes(paths: list[Path]) -> list[str]:

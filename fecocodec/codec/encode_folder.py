@@ -15,6 +15,7 @@ from fecocodec.camera_files.posed_photographs import PosedPhotographs, distinct_
 from fecocodec.captures.archives import is_archive, unpacked
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
+from fecocodec.codec.guide_choice import TOO_FAR, shown_note
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import LEAST_FOR_CHOICE, Roles, choose_roles
@@ -34,6 +35,7 @@ from fecocodec.sender.view_quality import (
     new_view_warnings,
     quality_warnings,
     stage_2_note,
+    worst_view_warnings,
 )
 
 if TYPE_CHECKING:
@@ -144,14 +146,16 @@ def encode_folder(
                 data, (quality, (of_guides, of_checks)) = alone, of_one
         if checks is None or len(checks.names) == 1:
             left_out = measure_left_out(data, views, device=device, model=model)
+        worst = worst_view_warnings(quality[-1], views.names)
         if checks is not None and of_checks is not None:
             is_any_left = guides is not None or len(roles.unused) > 0
             count = len(views.names)
-            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort))
-        elif poor := quality_warnings(quality[-1], views.names, options.effort):
-            messages.warn(*poor)
-        elif left_out is not None and is_shipped(read_header(data).header.model_id):
-            messages.warn(*left_out_warnings(left_out, views.names))
+            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort), *worst)
+        else:
+            poor = quality_warnings(quality[-1], views.names, options.effort)
+            if not poor and left_out is not None and is_shipped(read_header(data).header.model_id):
+                poor = left_out_warnings(left_out, views.names)
+            messages.warn(*(poor or worst))
     name_of = distinct_names([photograph.path for photograph in scene.photographs])
     return EncodingReport(
         data,
@@ -177,13 +181,13 @@ def _read(
     Others replace checks that cannot be read, if none is left, and coded views that are not named.
     """
 
-    counted: list[str] = []
+    shares: dict[int, float] = {}
 
     def decide(order: list[int], others: list[int]) -> list[int]:
         from fecocodec.codec.view_count import coded_views  # it loads torch
 
         on_progress("choosing views", 0.0)
-        return coded_views(scene, options, counted.append, order, others)
+        return coded_views(scene, options, shares.update, order, others)
 
     roles = choose_roles(
         scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
@@ -192,7 +196,8 @@ def _read(
     for sentence in roles.omissions:
         messages.omit(sentence)
     chosen = _framed(scene, roles, options, messages)
-    messages.note(*counted)
+    if shares:
+        messages.note(shown_note(len(roles.context), shares, roles.unused.get(TOO_FAR, ())))
 
     from fecocodec.captures.scene_folder import with_problems
     from fecocodec.codec.encode_views import read_photographs
@@ -227,8 +232,7 @@ def _framed(
         messages.warn(*unposed_notes(scene))
     messages.note(*chosen.remarks)
     messages.warn(*chosen.notes)
-    pinholes = [pinhole for _, pinhole in chosen.lenses]
-    if options.size is None and (remark := scaling_remark(pinholes, chosen.image_size)):
+    if options.size is None and (remark := scaling_remark(chosen.lenses, chosen.image_size)):
         messages.note(remark)
     guides, checks = (of(part, chosen.image_size) if part else None for part in (roles.guides, roles.checks))
     return chosen, guides, checks

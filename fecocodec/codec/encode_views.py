@@ -19,6 +19,7 @@ from fecocodec.progress import OnProgress
 from fecocodec.sender.encode import encode
 from fecocodec.sender.exposure import exposure_factors, with_factors
 from fecocodec.sender.input_warnings import check_input
+from fecocodec.sender.lambda_search import target_note
 from fecocodec.sender.rate_control import encode_to_target
 
 
@@ -121,14 +122,14 @@ def encode_views(
 ) -> bytes:
     """Return the bytes of the file. checks: choose lambda for a PSNR of new views, else nothing. Raises InputError."""
     messages.warn(*check_input(views, options.effort, guides))
-    if options.target is None:
+    if (target := options.target) is None:
         coder = partial(encode, lmbda=options.lmbda, num_stages=options.num_stages)
     else:
         coder = partial(
             encode_to_target,
-            target=options.target,
+            target=target,
             checks=checks,
-            on_lambda=lambda lmbda: messages.note(f"lambda {lmbda:.3g} reaches the target of {options.target}."),
+            on_lambda=lambda lmbda: messages.note(target_note(lmbda, target)),
         )
     with error_context(messages.path, (InputError,)):
         data = coder(

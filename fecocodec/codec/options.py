@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from fecocodec.captures.view_selection import All, Guides, Selection
+from fecocodec.captures.view_selection import All, Auto, Guides, Selection, Spread
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
@@ -66,10 +66,10 @@ class EncodingOptions:
             raise OptionError("a PSNR of new views is measured on `checks`, and there are none; give a number of them.")
         if self.sharpness != 0.0 and self.effort == "fast":
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
-        if isinstance(self.views, str | int):
-            raise OptionError(f"`views` is {self.views!r}; give a tuple of names, `Spread`, `Auto` or `All`.")
-        if isinstance(self.guides, str | int):
-            raise OptionError(f"`guides` is {self.guides!r}; give a tuple of names, a `Spread`, or () for none.")
+        if self.views is not None and not _is_choice(self.views, Spread, Auto, All):
+            raise OptionError(f"`views` is {self.views!r}; give a tuple of names as text, `Spread`, `Auto` or `All`.")
+        if self.guides is not None and not _is_choice(self.guides, Spread):
+            raise OptionError(f"`guides` is {self.guides!r}; give a tuple of names as text, `Spread`, or () for none.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):
             raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
 
@@ -82,3 +82,8 @@ class EncodingOptions:
             usable_device(self.device)
         else:
             require_rendering_device(self.device)
+
+
+def _is_choice(value: object, *kinds: type) -> bool:
+    """Return whether a value is of one of the kinds, or a tuple of names and numbers of photographs."""
+    return isinstance(value, kinds) or (isinstance(value, tuple) and all(isinstance(one, int | str) for one in value))

@@ -152,19 +152,24 @@ def _roles(
 
     if checks and (scene.near is None or scene.far is None):  # then checks would set the bounds of depth
         overlap, baseline = overlaps_among(scene, [*named, *taught, *usable])
+    misshapen = set[int]()
     if named:
         context = named
     elif guides == ():
         context = _unguided(scene, folder, views, usable, decide)
     else:
-        context = _covering(overlap, pinholes, usable, views, size, lambda order, of: decide(order, [*of, *taught]))
+        reached = with_neighbours(overlap, usable) or usable
+        shaped = _of_one_shape(pinholes, reached, size)
+        misshapen = set(usable) - set(_of_one_shape(pinholes, usable, size))
+        context = _covering(overlap, usable, shaped, views, lambda order: decide(order, [*reached, *taught]))
     if not isinstance(guides, tuple):
         others = [index for index in usable if index not in context]
         taught = chosen_guides(overlap, baseline, context, others, guides)
     checks = within_reach(near, checks, context)
     used = {*context, *taught, *checks, *problems}
     unused = [index for index in available if index not in used]
-    return Roles(context, taught, checks, reasons(overlap, baseline, context, unused, guides), omissions)
+    by_reason = reasons(overlap, baseline, context, unused, guides, misshapen)
+    return Roles(context, taught, checks, by_reason, omissions)
 
 
 def _named(
@@ -206,19 +211,19 @@ def _unguided(
 
 def _covering(
     overlap: Overlap,
-    pinholes: dict[int, Lens],
     usable: list[int],
+    shaped: list[int],
     views: Selection | None,
-    size: tuple[int, int] | None,
-    decide: Decide,
+    decide: Callable[[list[int]], list[int]],
 ) -> list[int]:
-    """Return what is coded where others guide: photographs as far apart as they are, so that they cover all."""
-    reached = with_neighbours(overlap, usable) or usable
-    candidates = _of_one_shape(pinholes, reached, size)
+    """Return what is coded where others guide: photographs as far apart as they are, so that they cover all.
+
+    shaped: those of one shape that overlap with others, which are coded if they are enough.
+    """
     if isinstance(views, Spread):
-        enough = candidates if len(candidates) >= views.count else usable
+        enough = shaped if len(shaped) >= views.count else usable
         return sorted(k_centres(overlap, [], enough, views.count))
-    return sorted(decide(k_centres(overlap, [], candidates, MAX_VIEWS), reached))
+    return sorted(decide(k_centres(overlap, [], shaped, MAX_VIEWS)))
 
 
 def usable_cameras(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dict[int, Lens], dict[int, str]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fecocodec.atomic import temporary_folder
 from fecocodec.camera_files.find import has_cameras, read_cameras
-from fecocodec.camera_files.unused_cameras import unread_cameras_notes
+from fecocodec.camera_files.unused_cameras import earlier_estimate_notes, unread_cameras_notes
 from fecocodec.captures.reading_notes import picture_remarks
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
@@ -62,7 +62,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
                 of_input(path, one_sentence([str(error), *unread_cameras_notes(path, outcome="")]))
             ) from error
         of_photographs = [] if is_video(path) else [*picture_remarks(list(posed.photographs)), *_videos_note(path)]
-        notes = (*of_video, *of_photographs, *posed.notes)
+        notes = (*earlier_estimate_notes(path), *of_video, *of_photographs, *posed.notes)
         warnings = (*unread_cameras_notes(path), *warnings, *posed.warnings)
 
         posed_names = {camera.name for camera in posed.reconstruction.cameras}

@@ -41,14 +41,14 @@ GAIN_OF_DOUBLING = 0.03
 def coded_views(
     scene: PosedPhotographs,
     options: EncodingOptions,
-    on_note: Callable[[str], None],
+    on_shares: Callable[[dict[int, float]], None],
     order: list[int],
     others: list[int],
 ) -> list[int]:
     """Return which photographs are coded. Candidates that no other photograph confirms are not.
 
-    on_note: called with a sentence that says what they show. order: indices of candidates in the order in which they
-    would be coded. others: photographs that can guide, too.
+    on_shares: called with the share that they show of each photograph, by its index. order: indices of candidates in
+    the order in which they would be coded. others: photographs that can guide, too.
     Raises InputError for cameras that a stream cannot represent, ModelError if weights cannot be loaded.
     """
     views, indices = _read_small(scene, options, order, sorted({*order, *others}))
@@ -60,19 +60,19 @@ def coded_views(
     )
     candidates = list(compress(candidates, _are_confirmed(encoder))) or candidates
     shares = shown_shares(_with_matched_depth(views.cameras, encoder), candidates)
-    count = best_count(shares)
-    on_note(f"{count} photographs are coded; on average they show {shares[count - 1]:.0%} of each photograph.")
+    count = best_count(shares.mean(axis=0))
+    on_shares(dict(zip(indices, shares[:, count - 1].tolist(), strict=True)))
     return [indices[view] for view in candidates[:count]]
 
 
-def shown_shares(cameras: Cameras, candidates: list[int]) -> Float[np.ndarray, " candidate"]:
-    """Return what the first candidate, the first two, and so on, show of the views: mean of the largest overlaps.
+def shown_shares(cameras: Cameras, candidates: list[int]) -> Float[np.ndarray, "view candidate"]:
+    """Return what the first candidate, the first two, and so on, show of each view: the largest overlap.
 
     cameras: of all views of a scene, with bounds of its depth.
     """
     bounds = float(cameras.near), float(cameras.far)
     overlap = covisibility_estimate(cameras.extrinsics.double().numpy(), cameras.intrinsics.double().numpy(), *bounds)
-    shares: Float[np.ndarray, " candidate"] = np.maximum.accumulate(overlap[:, candidates], axis=1).mean(axis=0)
+    shares: Float[np.ndarray, "view candidate"] = np.maximum.accumulate(overlap[:, candidates], axis=1)
     return shares
 
 

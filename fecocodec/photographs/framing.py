@@ -13,28 +13,30 @@ from fecocodec.photographs.lens import Lens
 MIN_KEPT_AREA = 0.5  # share of each photograph's area that an automatic crop must keep
 
 
-def common_size(pinholes: list[Lens], names: list[str]) -> tuple[int, int]:
+def common_size(pinholes: list[Lens], names: list[str], stored: list[Lens] | None = None) -> tuple[int, int]:
     """Return (height, width) for all photographs: the most frequent size, scaled down if a side exceeds MAX_SIDE.
 
+    stored: lenses of the images before undistortion, whose sizes errors name; None for those of `pinholes`.
     Raises InputError if cropping would remove more than half of a photograph, or a side is too short.
     """
     sizes = [(lens.height, lens.width) for lens in pinholes]
+    shown = [f"{lens.width}x{lens.height}" for lens in stored or pinholes]
     most_frequent = Counter(sizes).most_common(1)[0][0]  # the first one among equals
     height, width = most_frequent
-    for (h, w), name in zip(sizes, names, strict=True):
+    usual = shown[sizes.index(most_frequent)]
+    for (h, w), name, own in zip(sizes, names, shown, strict=True):
         crop_h, crop_w = _crop_shape(h, w, height, width)
         if crop_h * crop_w < MIN_KEPT_AREA * h * w:
             raise InputError(
-                f"{name}: {w}x{h} pixels, while the other images are {width}x{height}; choose images of one shape by "
+                f"{name}: {own} pixels, while the other images are {usual}; choose images of one shape by "
                 "`views`, or say with `size` what all are cropped and resized to."
             )
     scale = min(1.0, MAX_SIDE / max(height, width))
     height, width = round(height * scale), round(width * scale)
     if min(height, width) < MIN_SIDE:
-        stored = f"{most_frequent[1]}x{most_frequent[0]} pixels"
         reduced = f", reduced to {width}x{height}" if scale < 1 else ""
         raise InputError(
-            f"{names[sizes.index(most_frequent)]}: {stored}{reduced}, but each side must have {MIN_SIDE} to "
+            f"{names[sizes.index(most_frequent)]}: {usual} pixels{reduced}, but each side must have {MIN_SIDE} to "
             f"{MAX_SIDE}; use larger images or give `size`."
         )
     return height, width

@@ -223,14 +223,17 @@ def _relative_path(file: Path, folder: Path) -> str:
 
 
 def _transforms(cameras: tuple[EstimatedCamera, ...], files: list[str]) -> dict[str, Any]:
-    """Return the cameras in the layout of nerfstudio, with depth bounds if there are enough points."""
+    """Return the cameras in the layout of nerfstudio, with depth bounds if there are enough points.
+
+    The key `is_estimated` tells them from given ones; other programs do not read it.
+    """
     depths = np.concatenate([camera.depths for camera in cameras])
     frames = [_frame(camera, file) for camera, file in zip(cameras, files, strict=True)]
     bounds = bounds_of_depths(depths)
-    if bounds is None:
-        return {"camera_model": "OPENCV", "frames": frames}
-    near, far = bounds[0] / _DEPTH_MARGIN, bounds[1] * _DEPTH_MARGIN
-    return {"camera_model": "OPENCV", "near": near, "far": far, "frames": frames}
+    scene = {"camera_model": "OPENCV", "is_estimated": True}
+    if bounds is not None:
+        scene |= {"near": bounds[0] / _DEPTH_MARGIN, "far": bounds[1] * _DEPTH_MARGIN}
+    return {**scene, "frames": frames}
 
 
 def _frame(camera: EstimatedCamera, file: str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
+from fecocodec.container.lambda_quantisation import LAMBDA_MIN, LAMBDA_Q_MAX
 from fecocodec.errors import InputError
 
 
@@ -51,6 +51,13 @@ class AtLeastNewPsnr(AtLeastPsnr):
 
 
 Target = AtMostKib | AtLeastPsnr
+
+
+def target_note(lmbda: float, target: Target) -> str:
+    """Return the sentence on the lambda that was chosen for a target."""
+    if isinstance(target, AtMostKib) and lmbda <= LAMBDA_MIN:
+        return f"the smallest lambda, {lmbda:.3g}, already meets the target of {target}; no lambda makes a larger file."
+    return f"lambda {lmbda:.3g} reaches the target of {target}."
 
 
 def _require_positive(value: float, unit: str) -> None:

@@ -21,7 +21,7 @@ from wall_scene import (
 from fecocodec.camera_files import camera_names
 from fecocodec.camera_files.camera_names import walk
 from fecocodec.camera_files.find import has_cameras, read_cameras
-from fecocodec.camera_files.unused_cameras import unread_cameras_notes
+from fecocodec.camera_files.unused_cameras import earlier_estimate_notes, unread_cameras_notes
 from fecocodec.captures.chosen_photographs import choose_photographs
 from fecocodec.captures.render_cameras import read_render_cameras
 from fecocodec.codec.options import EncodingOptions
@@ -79,7 +79,8 @@ def test_cameras_above_and_beside_the_folder_of_the_photographs(
 def test_folders_of_other_things_above_are_quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_photographs(tmp_path / "kitchen", shots(2))
     write_photographs(tmp_path / "camera_roll", shots(2))
-    for file in ("camera_roll/a.json", "camera/settings/a.json", "my old camera shots/a.json", "cameras.zip"):
+    unrelated = "camera_roll/a.json", "camera/settings/a.json", "my old camera shots/a.json", "cams/hall.json"
+    for file in (*unrelated, "cameras.zip"):
         put(tmp_path / file, "{}")
     assert unread_cameras_notes(tmp_path / "kitchen") == []
     put(tmp_path / "poses.npy", "")
@@ -112,6 +113,23 @@ def test_cameras_above_that_are_read(tmp_path: Path) -> None:
     )
     (folder / "transforms.json").write_text("broken")
     assert unread_cameras_notes(folder / "others") == []
+
+
+def test_cameras_of_an_earlier_estimate_are_noted_but_no_warning(tmp_path: Path) -> None:
+    folder = write_transforms(tmp_path / "scene", shots(2))
+    assert earlier_estimate_notes(folder / "images") == []
+    file = (folder / "transforms.json").rename(folder / "cameras.json")
+    file.write_text(json.dumps({**json.loads(file.read_text()), "is_estimated": True}))
+    assert unread_cameras_notes(folder / "images") == []
+    (note,) = earlier_estimate_notes(folder / "images")
+    assert note == (
+        f"{file} has cameras of an earlier estimate, but cameras are estimated again; to use those, give the folder "
+        f"{folder}."
+    )
+    shutil.copytree(folder / "images", folder / "others")
+    assert earlier_estimate_notes(folder / "others") == unread_cameras_notes(folder / "others") == []
+    write_transforms(folder, shots(2))
+    assert unread_cameras_notes(folder / "images") and earlier_estimate_notes(folder / "images") == []
 
 
 @pytest.mark.parametrize(

@@ -305,6 +305,16 @@ def test_several_sizes_and_orientations_are_noted(tmp_path):
     assert "several orientations (3 of 96x80, 1 of 80x96)" in views.notes[0]
 
 
+def test_sizes_are_those_of_the_stored_photographs(tmp_path):
+    taken = [replace(shot, distortion=BARREL) for shot in [*shots(3), shots(4, width=96, height=72)[3]]]
+    views = read(write_transforms(tmp_path, taken))
+    assert views.image_size != (80, 96)
+    assert "several sizes (3 of 96x80, 1 of 96x72)" in views.notes[0]
+    narrow = replace(shots(4, width=32, height=96, cx=16.0)[3], distortion=BARREL)
+    with pytest.raises(InputError, match=r"003.png: 32x96 pixels, while the other images are 96x80"):
+        read(write_transforms(tmp_path / "narrow", [*taken[:3], narrow]))
+
+
 @pytest.mark.parametrize("orientation", [1, 3])
 def test_an_exif_orientation_that_is_not_applied_is_noted(tmp_path, orientation):
     folder = write_transforms(tmp_path, shots(2))

@@ -69,7 +69,8 @@ def test_encode_names_the_views_that_it_has_chosen(fecosplat, photographs: Path,
 def test_encode_measures_photographs_that_it_did_not_use(fecosplat, photographs: Path, tmp_path: Path) -> None:
     arguments = ("--effort", "fast", "--checks", "1", "--views", "2", "--guides", "none", "--stages", "1")
     result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
-    of_new = r"^  new views: {13} \d+\.\d\d dB, PSNR of new views, measured on one photograph that was not used$"
+    on = r"measured on one photograph that was not used, view_\d\.png"
+    of_new = rf"^  new views: {{13}} \d+\.\d\d dB, PSNR of new views, {on}$"
     assert re.search(of_new, result.err, re.MULTILINE)
     assert re.search(
         r"; of the others, 1 measures new views, 1 is not used \(--guides is none: view_\d\.png\)\.\n", result.err

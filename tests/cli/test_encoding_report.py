@@ -20,6 +20,7 @@ from fecocodec.sender.view_quality import (
     new_view_warnings,
     quality_warnings,
     stage_2_note,
+    worst_view_warnings,
 )
 
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
@@ -49,8 +50,8 @@ def test_sizes_quality_and_detail_are_said(stream_bytes: bytes, capsys: pytest.C
     say_result("scene.fcs", report(("a.png", "b.png"), QUALITY, checks=checks), inspect(stream_bytes))
     *_, of_coded, of_new = capsys.readouterr().err.splitlines()
     assert of_new == (
-        "  new views:              22.50 dB, PSNR of new views, measured on 2 photographs that were not used "
-        "(worst 22.00 dB, d.png)"
+        "  new views:              22.50 dB, PSNR of new views, measured on 2 photographs that were not used, "
+        "c.png, d.png (worst 22.00 dB, d.png)"
     )
     assert of_coded.index("dB") == of_new.index("dB")
     data = (Path(__file__).parents[2] / "bitstream_spec" / "vectors" / "valid" / "detail-of-one-stage.fcs").read_bytes()
@@ -62,7 +63,7 @@ def test_sizes_quality_and_detail_are_said(stream_bytes: bytes, capsys: pytest.C
     checks = OtherViews(("c.png",), DecodedQuality((24.0,)))
     summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, checks=checks, is_fitted=True)
     say_result("scene.fcs", found, summary)
-    assert "measured on one photograph that was not used, to which lambda is fitted\n" in capsys.readouterr().err
+    assert "measured on one photograph that was not used, c.png, to which lambda is fitted\n" in capsys.readouterr().err
     assert report_fields(found, summary)["new_view_psnr_is_fitted"] is True
 
 
@@ -156,13 +157,13 @@ def test_poor_views_are_said() -> None:
     assert quality_warnings(DecodedQuality((25.0, 19.0)), ("a.png", "b.png")) == ()
     assert quality_warnings(DecodedQuality((23.0, 18.9)), ("a.png", "b.png")) == (
         "the decoded views are poor, with a PSNR of 20.9 dB (worst b.png, 18.9 dB), and images between them will be "
-        "worse; check that each camera belongs to its photograph, use `effort=best`, use a smaller lambda, use a "
-        "larger `size`, or choose two views closer together.",
+        "worse; use `effort=best`, use a smaller lambda, use a larger `size`, choose two views closer together, or "
+        "check that each camera belongs to its photograph.",
     )
     three = DecodedQuality((23.0, 18.9, 21.0)), ("a.png", "b.png", "c.png")
     assert quality_warnings(*three, "best") == (
         "the decoded views are poor, with a PSNR of 21.0 dB (worst b.png, 18.9 dB), and images between them will be "
-        "worse; check that each camera belongs to its photograph, or choose fewer `views`, which are closer together.",
+        "worse; choose fewer `views`, which are closer together, or check that each camera belongs to its photograph.",
     )
     assert quality_warnings(DecodedQuality((18.0,)), ("a.png",), "fast") == (
         "the decoded views are poor, with a PSNR of 18.0 dB; leave out `effort=fast` (a likely cause), use a "
@@ -176,17 +177,27 @@ def test_what_helps_new_views_fits_the_case() -> None:
     assert new_view_warnings(DecodedQuality((25.0, 15.0)), names, 4, True) == ()
     start = (
         "new views are poor, with a PSNR of 17.5 dB, measured on 2 photographs that were not used (worst b.png, 17.0 "
-        "dB); check that each camera belongs to its photograph, "
+        "dB); "
     )
-    between = "add photographs between the coded ones"
-    assert new_view_warnings(poor, names, 4, True) == (f"{start}{between}, or code more of them by `views`.",)
-    assert new_view_warnings(poor, names, 4, False) == (f"{start}or {between}.",)
+    between, check = "add photographs between the coded ones", "or check that each camera belongs to its photograph."
+    assert new_view_warnings(poor, names, 4, True) == (f"{start}{between}, code more of them by `views`, {check}",)
+    assert new_view_warnings(poor, names, 4, False) == (f"{start}{between}, {check}",)
     assert new_view_warnings(poor, names, 4, False, "fast") == (
-        f"{start}leave out `effort=fast` (a likely cause), or {between}.",
+        f"{start}leave out `effort=fast` (a likely cause), {between}, {check}",
     )
     assert new_view_warnings(poor, names, 16, True) == (
-        f"{start}{between}, or encode a smaller part of the scene, as a file holds at most 16 coded views.",
+        f"{start}{between}, encode a smaller part of the scene, as a file holds at most 16 coded views, {check}",
     )
+
+
+def test_a_view_that_is_far_worse_than_the_others_is_named() -> None:
+    names = ("a.png", "b.png", "c.png")
+    assert worst_view_warnings(DecodedQuality((25.0, 12.9, 26.0)), names) == (
+        "b.png is decoded far worse than the other views: it has a PSNR of 12.9 dB, they have 25.5 dB; add photographs "
+        "beside it, leave it out by `views`, or check that its camera belongs to it.",
+    )
+    for fine in ((35.0, 28.0, 36.0), (24.0, 19.0, 24.0), (25.0, 12.9)):
+        assert worst_view_warnings(DecodedQuality(fine), names) == ()
 
 
 def test_a_stage_that_lowers_the_quality_is_said() -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhotographs
 from fecocodec.captures.view_selection import All, Auto, Selection, Spread
 from fecocodec.codec import roles as roles_of_photographs
-from fecocodec.codec.guide_choice import MAX_GUIDES
+from fecocodec.codec.guide_choice import MAX_GUIDES, OTHER_SHAPE
 from fecocodec.codec.roles import Roles, default_checks
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
@@ -194,6 +194,9 @@ def test_photographs_of_another_shape_guide_but_set_no_size(walk: MakeWalk) -> N
     roles = choose_roles(scene, FOLDER, None, num_checks=0)
     assert not {0, 8} & set(roles.context)
     assert {0, 8} <= set(roles.guides)
+    apart = walk(9, step=1.2, sizes={8: (200, 60)})
+    of_first = partial(choose_roles, apart, FOLDER, None, num_checks=0, decide=lambda order, _others: order[:1])
+    assert of_first().unused[OTHER_SHAPE] == [8] and OTHER_SHAPE not in of_first(size=(64, 64)).unused
 
 
 def test_checks_set_no_bounds_of_depth(walk: MakeWalk, monkeypatch: pytest.MonkeyPatch) -> None:

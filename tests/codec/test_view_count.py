@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from fecocodec import EncodingOptions, encode_folder
+from fecocodec.codec.guide_choice import shown_note
 from fecocodec.codec.view_count import best_count, shown_shares
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph, waves
 from fecocodec.geometry.views import Views
@@ -33,7 +34,7 @@ def test_views_are_added_while_they_show_more() -> None:
     beside, apart = look((0.05, 0.0, -1.5)), look((9.0, 0.0, -1.5))
     poses = torch.stack([look((0.0, 0.0, -1.5)), beside, apart])
     cameras = photograph(Room(painted), poses, (64, 96)).cameras
-    shares = shown_shares(cameras, [0, 2, 1])
+    shares = shown_shares(cameras, [0, 2, 1]).mean(axis=0)
     assert 0.6 < shares[0] < 0.7 and 0.9 < shares[1] < 1.0 and shares[2] == 1.0
 
 
@@ -55,3 +56,10 @@ def test_a_photograph_of_another_scene_is_not_coded(tmp_path: Path) -> None:
     report = encode_folder(tmp_path, OPTIONS)
     assert len(report.names) >= 2 and "3.png" not in (*report.names, *report.guides.names)
     assert any(warning.startswith("guide 3.png is left out") for warning in report.warnings)
+
+
+def test_the_share_leaves_out_what_overlaps_too_little() -> None:
+    shares = {0: 1.0, 1: 1.0, 2: 0.7, 3: 0.0}
+    start = "2 photographs are coded; on average they show"
+    assert shown_note(2, shares, [3, 5]) == f"{start} 90% of each photograph except 2 with too little overlap."
+    assert shown_note(2, {0: 1.0, 1: 0.5}, ()) == f"{start} 75% of each photograph."

@@ -14,6 +14,7 @@ from scipy.ndimage import map_coordinates
 
 from fecocodec.camera_files.find import has_cameras, read_cameras
 from fecocodec.camera_files.transforms_json import read_transforms_json
+from fecocodec.camera_files.unused_cameras import earlier_estimate_notes, unread_cameras_notes
 from fecocodec.captures.scene_folder import read_views
 from fecocodec.errors import InputError, OutputError
 from fecocodec.photographs.lens import Lens
@@ -68,6 +69,7 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
     assert has_cameras(EXAMPLE)
     with posed_folder(tmp_path / "photos", num_threads=1) as posed:
         posed.save_cameras(tmp_path / "transforms.json")
+        assert unread_cameras_notes(tmp_path / "photos") == [] != earlier_estimate_notes(tmp_path / "photos")
         views = read_views(posed.path)
         cameras, names = views.cameras, views.names
         depths = np.concatenate([camera.depths for camera in posed.reconstruction.cameras])

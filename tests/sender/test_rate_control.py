@@ -16,7 +16,7 @@ from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.decoded_quality import measure_decoded, new_view_quality
 from fecocodec.sender.encode import encode_with
-from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target, target_note
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
 from fecocodec.sender.rate_control import NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS, Attempt, encode_to_target_with, search
 from fecocodec.sender.view_quality import DecodedQuality
@@ -133,6 +133,14 @@ def test_files_keep_a_quality(codec: Codec, views: Views, quality_of: Callable[[
     found = encode_to_target_with(codec, views, target, CONFIG, on_lambda=chosen.append)
     assert found == encode_with(codec, views, quantise_lambda(chosen[0]), 2, CONFIG)
     assert quality_of(found) >= target.psnr
+
+
+def test_a_target_that_every_lambda_meets_is_said_to_be_met() -> None:
+    assert target_note(1e-5, AtMostKib(100000.0)) == (
+        "the smallest lambda, 1e-05, already meets the target of 100000 KiB; no lambda makes a larger file."
+    )
+    for lmbda, target in ((2e-5, AtMostKib(8.0)), (1e-5, AtLeastPsnr(30.0))):
+        assert target_note(lmbda, target) == f"lambda {lmbda:.3g} reaches the target of {target}."
 
 
 def test_files_keep_a_quality_at_new_views(codec: Codec, views: Views) -> None:
