@@ -9,16 +9,14 @@ from jaxtyping import Float
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
 from fecocodec.errors import InputError
 from fecocodec.geometry.depth_bounds import bounds_of_depths
-from fecocodec.geometry.frustum_overlap import covisibility_estimate
+from fecocodec.geometry.frustum_overlap import LEAST_BASELINE, NEIGHBOUR_OVERLAP, covisibility_estimate
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import framed_intrinsics
 
 MAX_AUTO_VIEWS = 8
 # Chosen on 91 training captures: with 8 views, 83% share a measured covisibility of half or more with a neighbour.
 LEAST_OVERLAP = 0.75
-NEIGHBOUR_OVERLAP = 0.3  # photographs with less are no neighbours; `auto_views` omits them
 _OVERLAP_TIE = 0.03  # smaller differences of overlap count as ties
-LEAST_BASELINE = 0.02  # relative to depth; closer cameras have too little parallax
 _DEFAULT_DEPTHS = (3.0, 100.0)  # default near and far, in units of the distance between neighbouring cameras
 DUPLICATE_OVERLAP = 0.9  # of photographs from one position
 Overlap = Float[np.ndarray, "view view"]  # estimated covisibility, in [0, 1]

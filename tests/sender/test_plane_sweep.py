@@ -8,7 +8,13 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
-from fecocodec.sender.extractors.plane_sweep import cost_volume, from_all_pairs, from_sampled_rows, nearest_views
+from fecocodec.sender.extractors.plane_sweep import (
+    cost_volume,
+    from_all_pairs,
+    from_sampled_rows,
+    nearest_views,
+    source_views,
+)
 from tests.example_scenes import cameras_in_a_row, example_cameras
 
 
@@ -93,3 +99,16 @@ def test_the_best_candidate_of_a_textured_plane_is_its_depth(candidate: int) -> 
     volume = cost_volume(features, cameras, nearest_views(cameras, 1), num_candidates)
     seen_by_both = volume[0, 0, :, :, shift_px + 1 : -1].argmax(dim=0)
     assert float((seen_by_both == candidate).float().mean()) > 0.97
+
+
+def test_sources_overlap_with_the_view_and_have_parallax() -> None:
+    """The first of six cameras in a row has a neighbour that looks back, and one nearly at its place."""
+    cameras = cameras_in_a_row(0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+    cameras.extrinsics[1, :3, :3] = torch.diag(torch.tensor([-1.0, 1.0, -1.0]))
+    cameras.extrinsics[2, :3, 3] = cameras.extrinsics[0, :3, 3] + torch.tensor([1e-3, 0.0, 0.0])
+    sources = source_views(cameras.as_batch(), 2)[0].tolist()
+    assert sources[0] == [3, 4] and sources[5] == [4, 3]
+    assert nearest_views(cameras.as_batch(), 2)[0, 0].tolist() == [2, 1]
+    pair = source_views(cameras.select([0, 1]).as_batch(), 2)
+    assert pair.tolist() == [[[1], [0]]]  # the only one, although it looks back
+    assert source_views(cameras.select([0]).as_batch(), 2).shape == (1, 1, 0)

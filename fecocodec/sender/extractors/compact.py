@@ -17,7 +17,7 @@ from fecocodec.sender.extractors.cross_view import CrossViewAttention
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.photo_consistency import photo_consistency
 from fecocodec.sender.extractors.plane_extrapolation import extrapolate_planes
-from fecocodec.sender.extractors.plane_sweep import cost_volume, nearest_views
+from fecocodec.sender.extractors.plane_sweep import cost_volume, source_views
 from fecocodec.sender.extractors.protocol import MatchedDepth, Matching
 from fecocodec.sender.extractors.semi_global import aggregate_costs
 from fecocodec.sender.scene import Guides
@@ -118,7 +118,7 @@ class CompactExtractor(nn.Module):
         which the U-Net was trained on, are those of the context views alone. ignored: pixels without scores,
         consistency and confidence, in the view and as sources.
         """
-        sources, kept = nearest_views(cameras, self.config.num_source_views), _kept(ignored)
+        sources, kept = source_views(cameras, self.config.num_source_views), _kept(ignored)
         appearance, cost = self._scores(images, cameras, sources, kept)
         if guides is not None:
             maps = self._guided_maps(images, cameras, guides, ignored)
@@ -133,12 +133,12 @@ class CompactExtractor(nn.Module):
         guides: Guides,
         ignored: Bool[Tensor, "view h w"] | None,
     ) -> MatchedMaps:
-        """Return the maps of the context views with their nearest views, guides among them, as sources."""
+        """Return the maps of the context views, with guides among their sources."""
         count, num_sources = images.shape[1], self.config.num_source_views
-        nearest = nearest_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
+        nearest = source_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
         guides = guides.select(sorted({view - count for view in nearest.flatten().tolist() if view >= count}))
         of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
-        sources = nearest_views(of_all[1], num_sources)
+        sources = source_views(of_all[1], num_sources)
         kept = _kept(joined_masks([(ignored, images[0]), (guides.ignored, guides.images)]))
         return self._aggregated(self._scores(*of_all, sources, kept)[1], *of_all, sources, kept).first(count)
 

@@ -4,10 +4,12 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from einops import rearrange
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Int, Int64
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity, image_positions, pixel_rays
+from fecocodec.geometry.frustum_overlap import LEAST_BASELINE, NEIGHBOUR_OVERLAP, covisibility_estimate
+from fecocodec.geometry.gaussian_arrays import SceneCameras
 from fecocodec.kernels.compilation import compiled
 from fecocodec.kernels.threads import run_in_ranges
 
@@ -21,6 +23,31 @@ def nearest_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count
     distances = torch.cdist(centres, centres)
     distances.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
     return distances.topk(min(count, cameras.num_views - 1), dim=-1, largest=False).indices
+
+
+def source_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count"]:
+    """Return, for every view, the `count` other views (all, if there are fewer) against which it is matched.
+
+    They are the nearest ones that overlap with it and have parallax. Where fewer do, those that overlap most follow: in
+    a room, the nearest camera may look at the opposite wall. Nearest first.
+    """
+    sources = [_sources_of(cameras.scene(scene).arrays(), count) for scene in range(len(cameras.extrinsics))]
+    return torch.from_numpy(np.stack(sources)).to(cameras.extrinsics.device)
+
+
+def _sources_of(cameras: SceneCameras, count: int) -> Int64[np.ndarray, "view count"]:
+    """Return `source_views` of one scene."""
+    near, far, centres = float(cameras.near), float(cameras.far), cameras.extrinsics[:, :3, 3]
+    overlap = covisibility_estimate(cameras.extrinsics, cameras.intrinsics, near, far)
+    distance = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    parallax = distance * (1 / near + 1 / far) / 2
+    is_neighbour = (overlap >= NEIGHBOUR_OVERLAP) & (parallax >= LEAST_BASELINE)
+    rank = np.where(is_neighbour, distance, -overlap * np.minimum(parallax, LEAST_BASELINE))
+    chosen = []
+    for view, order in enumerate(np.lexsort((rank, ~is_neighbour))):
+        others = order[order != view][:count]
+        chosen.append(others[np.argsort(distance[view, others], kind="stable")])
+    return np.stack(chosen)
 
 
 def cost_volume(
