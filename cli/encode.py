@@ -178,8 +178,9 @@ def say_result(output: str, report: "EncodingReport", summary: StreamSummary, so
         on += ", to which lambda is fitted" if report.is_fitted else ""
         say(f"{'  new views:':25}{new_views.psnr:6.2f} dB, PSNR of new views, measured on {on}")
     if (left_out := report.left_out) is not None:
-        of_share = f"where the others show them ({100 * left_out.share:.0f}% of their pixels)"
-        say(f"{'  left out:':25}{left_out.psnr:6.2f} dB, PSNR of coded views without their own Gaussians, {of_share}")
+        share = f"where the others show them ({100 * left_out.share:.0f}% of their pixels)"
+        of = f"PSNR of coded views without their own Gaussians, {share}"
+        say(f"{'  from the others:':25}{left_out.psnr:6.2f} dB, {of}")
 
 
 def roles_note(report: "EncodingReport", *, is_chosen: bool) -> str:

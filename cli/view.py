@@ -147,7 +147,7 @@ def command(
         contents, query = {"index.html": _page(scene, model, max_pixels)}, ""
     with PageServer(contents, host, port) as server:
         address = f"{server.url}/{query}"
-        say(f"{scene}: shown at {address}, Ctrl-C ends this")
+        say(f"{scene}: shown at {address} (Ctrl-C ends this)")
         if opens_browser:
             webbrowser.open(address)
         server.serve_forever()

@@ -21,7 +21,7 @@ from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import LEAST_FOR_CHOICE, Roles, choose_roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.container import read_header
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, error_context
 from fecocodec.input_file import StrPath
 from fecocodec.model_files import is_shipped
 from fecocodec.photographs.framing import within_limit
@@ -107,7 +107,12 @@ def encode_folder(
     with unpacked(path) as folder, scene_source(folder, options) as source:
         messages.folder = folder
         messages.note(*source.notes)
+        for sentence in source.omissions:
+            messages.omit(sentence)
         messages.warn(*source.warnings)
+        with error_context(path):
+            views, guides = source.named(options.views, "views"), source.named(options.guides, "guides")
+        options = replace(options, views=views, guides=guides)
         scene = read_cameras(source.path)
         messages.note(*scene.remarks)
         is_chosen = not isinstance(options.views, tuple) and len(scene.photographs) >= LEAST_FOR_CHOICE

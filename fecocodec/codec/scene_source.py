@@ -1,14 +1,16 @@
 """The scene folder to encode: the given folder, or one with cameras estimated for its photographs or a video."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from fecocodec.atomic import temporary_folder
 from fecocodec.camera_files.find import has_cameras, read_cameras
 from fecocodec.camera_files.unused_cameras import earlier_estimate_notes, unread_cameras_notes
 from fecocodec.captures.reading_notes import picture_remarks
+from fecocodec.captures.view_selection import Guides, Selection
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
 from fecocodec.errors import InputError, OptionError, one_sentence
@@ -19,15 +21,34 @@ from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 class SceneSource:
     """path: a folder with photographs and cameras.
 
-    notes: how the cameras were estimated. warnings: why the estimate may be wrong. One sentence each. save_cameras:
-    writes the estimated cameras, see `PosedFolder.save_cameras`; None if the cameras were given. Of a video, it takes
-    the folder of the `frames`, too.
+    Sentences: notes on how cameras were estimated, omissions of photographs, warnings why the estimate may be wrong.
+    save_cameras: writes the estimated cameras, see `PosedFolder.save_cameras`; None if the cameras were given. Of a
+    video, it takes the folder of the `frames`, too. has_camera: whether each photograph has an estimated one, by its
+    name in the order of the folder; empty if the cameras were given.
     """
 
     path: Path
     notes: tuple[str, ...] = ()
+    omissions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     save_cameras: Callable[..., None] | None = None
+    has_camera: Mapping[str, bool] = field(default_factory=dict)
+
+    def named(self, chosen: Selection | Guides | None, option: str) -> Any:
+        """Return chosen photographs by names where cameras were estimated: numbers count those without a camera, too.
+
+        Raises InputError for a photograph that has no camera. option: that messages name.
+        """
+        if not self.has_camera or not isinstance(chosen, tuple):
+            return chosen
+        names = list(self.has_camera)
+        called = []
+        for view in map(str, chosen):
+            is_number = view not in self.has_camera and view.isdecimal() and int(view) < len(names)
+            called.append(names[int(view)] if is_number else view)
+            if not self.has_camera.get(Path(called[-1]).name, True):
+                raise InputError(f"{called[-1]} has no camera, see above; choose another photograph in `{option}`.")
+        return tuple(called)
 
 
 @contextmanager
@@ -46,6 +67,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
         return
 
     from fecocodec.poses.posed_folder import posed_folder  # loads scipy.optimize, which takes 0.3 s
+    from fecocodec.poses.unposed_photographs import find_photographs
 
     with ExitStack() as stack:
         photographs, of_video, warnings = path, tuple[str, ...](), tuple[str, ...]()
@@ -54,6 +76,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             count = options.num_frames or DEFAULT_FRAMES
             of_video, warnings = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
         threads, is_masked = options.num_threads, options.masks != "unused"
+        names = [photograph.name for photograph in find_photographs(photographs)]
         cameras = posed_folder(photographs, threads, str(path), options.focal_px, has_masks=is_masked)
         try:
             posed = stack.enter_context(cameras)
@@ -66,6 +89,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
         warnings = (*unread_cameras_notes(path), *warnings, *posed.warnings)
 
         posed_names = {camera.name for camera in posed.reconstruction.cameras}
+        has_camera = {name: name in posed_names for name in names}
         for frame in posed.photographs if is_video(path) else ():
             if frame.name not in posed_names:
                 frame.unlink()
@@ -76,7 +100,7 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             replace(posed, photographs=named).save_cameras(file, overwrite=overwrite)
 
         save = save_beside if is_video(path) else posed.save_cameras
-        yield SceneSource(posed.path, notes, warnings, save)
+        yield SceneSource(posed.path, notes, posed.omissions, warnings, save, has_camera)
 
 
 def _videos_note(folder: Path) -> list[str]:

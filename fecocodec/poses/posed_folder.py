@@ -36,10 +36,8 @@ _DEPTH_MARGIN = 1.3
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 # Why a photograph has no camera, after "left out"; its number of points.
 _UNMATCHED = ": no matches with another photograph; take it again with more overlap"
-_SCARCE = (
-    ", with {} points whose position the others determine; a camera needs "
-    f"{LEAST_POINTS}, so add photographs in between"
-)
+_SCARCE = ", with {} points whose position the others determine; add photographs that show the same parts (a camera "
+_SCARCE += f"needs {LEAST_POINTS} such points)"
 _MISFIT = ": no camera fits the {} points whose position the others determine; something moved, or parts look alike"
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
@@ -48,14 +46,15 @@ _REMEDY = "take photographs that overlap by more than half, from different posit
 class PosedFolder:
     """A temporary scene folder with estimated cameras.
 
-    reconstruction: with lenses in pixels of the photographs. notes: what was done. warnings: why the cameras may be
-    wrong. Both are one sentence each, for the user.
+    reconstruction: with lenses in pixels of the photographs. Sentences for the user: notes on what was done, omissions
+    of photographs, warnings why the cameras may be wrong.
     """
 
     path: Path
     photographs: tuple[Path, ...]
     reconstruction: Reconstruction
     notes: tuple[str, ...]
+    omissions: tuple[str, ...]
     warnings: tuple[str, ...]
 
     def save_cameras(self, path: Path, *, overwrite: bool = False) -> None:
@@ -79,10 +78,9 @@ def posed_folder(
     missing, OutputError if the disk of the temporary folder is full.
     """
     photographs, notes = _chosen(folder, name or str(folder))
-    warnings = _unread(folder)
+    unread, count = _unread(folder), len(photographs)
     with temporary_folder() as root:
         groups, left_out = upright_copies(photographs, root, focal_px, num_threads)
-        warnings += left_out
         photographs = [path for path in photographs if (root / path.name).exists()]
         if len(photographs) < 2:
             raise InputError(f"{name or folder}: cameras are estimated from two photographs or more. {left_out[0]}")
@@ -103,10 +101,11 @@ def posed_folder(
         path_of = {path.name: path for path in photographs}
         cameras = tuple(_of_photograph(camera, path_of[camera.name]) for camera in reconstruction.cameras)
         lens = cameras[0].lens
-        notes += _notes(photographs, reconstruction, groups, lens)
-        warnings += _left_out(photographs, reconstruction) + reliability_warnings(reconstruction, groups, lens.fx)
+        notes += _notes(count, reconstruction, groups, lens)
+        omissions = (*left_out, *_left_out(photographs, reconstruction))
+        warnings = (*unread, *reliability_warnings(reconstruction, groups, lens.fx))
         reconstruction = replace(reconstruction, cameras=cameras)
-        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), tuple(warnings))
+        yield PosedFolder(root, tuple(photographs), reconstruction, tuple(notes), omissions, warnings)
 
 
 def _chosen(folder: Path, name: str) -> tuple[list[Path], list[str]]:
@@ -177,8 +176,8 @@ def _of_photograph(camera: EstimatedCamera, path: Path) -> EstimatedCamera:
     return replace(camera, lens=camera.lens.scaled_to(width, height, str(path)))
 
 
-def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGroup], lens: Lens) -> list[str]:
-    """Return what was estimated. lens: of the first camera, in pixels of its photograph."""
+def _notes(count: int, found: Reconstruction, groups: list[ImageGroup], lens: Lens) -> list[str]:
+    """Return what was estimated. count: of photographs. lens: of the first camera, in pixels of its photograph."""
     cameras = found.cameras
     focal = "started from EXIF data" if all(group.is_known for group in groups) else "started from a standard lens"
     if all(group.is_fixed for group in groups):
@@ -186,7 +185,7 @@ def _notes(photographs: list[Path], found: Reconstruction, groups: list[ImageGro
     error_px = found.reprojection_error_px * lens.fx / cameras[0].lens.fx
     shared = [count for count in found.matches.values() if count >= _MANY_MATCHES]
     return [
-        f"cameras estimated for {len(cameras)} of {len(photographs)} photographs: reprojection error "
+        f"cameras estimated for {len(cameras)} of {count} photographs: reprojection error "
         f"{error_px:.2f} pixels, median angle between rays {found.angle:.1f} degrees, "
         f"{len(shared)} pair{'' if len(shared) == 1 else 's'} with {_MANY_MATCHES} or more matches, focal length "
         f"{lens.fx:.0f} pixels for {lens.width}x{lens.height} ({focal}); the unit of length is arbitrary."

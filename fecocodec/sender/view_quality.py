@@ -139,7 +139,7 @@ def new_view_warnings(
 def _other_effort(effort: str) -> list[str]:
     """Return the advice to take a higher effort than the given one; empty if there is none."""
     if effort == "fast":
-        return ["leave out `effort=fast` (a likely cause)"]
+        return ["leave out `effort=fast`"]
     return ["use `effort=best`"] if effort == "default" else []
 
 

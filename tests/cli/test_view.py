@@ -85,7 +85,7 @@ def test_the_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:
         try:
             assert process.stderr is not None
             line = process.stderr.readline()
-            found = re.search(r"http://127\.0\.0\.1:(\d+)/,", line)
+            found = re.search(r"http://127\.0\.0\.1:(\d+)/ ", line)
             assert found, line
             status, page = get(int(found[1]), "/")
             assert status == 200

@@ -16,6 +16,7 @@ from fecocodec.captures.view_selection import All, Spread
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
 from fecocodec.codec.encode_folder import OtherViews
 from fecocodec.codec.messages import of_input
+from fecocodec.codec.scene_source import SceneSource
 from fecocodec.container import inspect
 from fecocodec.errors import OptionError, StrictError
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
@@ -319,3 +320,15 @@ def test_messages_of_a_video_are_about_frames() -> None:
     video, sentence = Path("photograph 1/clip.mp4"), "photograph 1/clip.mp4: one photograph of 3 photographs."
     assert of_input(video, sentence) == "photograph 1/clip.mp4: one frame of 3 frames."
     assert of_input(Path("photos"), sentence) == sentence
+
+
+def test_numbers_of_photographs_count_those_without_an_estimated_camera():
+    """Else `--views 3` would code the photograph after the one that is left out."""
+    source = SceneSource(Path("posed"), has_camera={"a.jpg": True, "b.jpg": False, "c.jpg": True, "7": True})
+    assert source.named((0, 2), "views") == ("a.jpg", "c.jpg")
+    assert source.named(("c", "2", "7", "9"), "views") == ("c", "c.jpg", "7", "9")  # the rest is told where it is used
+    assert source.named(None, "views") is None and source.named(Spread(2), "views") == Spread(2)
+    for called in (1, "1", "b.jpg", "photos/b.jpg"):
+        with pytest.raises(InputError, match=r"b\.jpg has no camera, see above; choose another photograph in `guides`"):
+            source.named((called,), "guides")
+    assert SceneSource(Path("given")).named((1, "x"), "views") == (1, "x")
