@@ -111,8 +111,8 @@ def encode_folder(
             messages.omit(sentence)
         messages.warn(*source.warnings)
         with error_context(path):
-            views, guides = source.named(options.views, "views"), source.named(options.guides, "guides")
-        options = replace(options, views=views, guides=guides)
+            named = {option: source.named(getattr(options, option), option) for option in ("views", "guides")}
+        options = replace(options, **named)
         scene = read_cameras(source.path)
         messages.note(*scene.remarks)
         is_chosen = not isinstance(options.views, tuple) and len(scene.photographs) >= LEAST_FOR_CHOICE

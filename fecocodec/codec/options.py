@@ -8,7 +8,7 @@ from fecocodec.captures.view_selection import All, Auto, Guides, Selection, Spre
 from fecocodec.container import quantise_lambda
 from fecocodec.container.metadata import pack_metadata
 from fecocodec.errors import OptionError
-from fecocodec.limits import require_depths, require_size
+from fecocodec.limits import MAX_VIEWS, require_depths, require_size
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, Target
 
 DEFAULT_FRAMES = 40  # of a video, from which cameras are estimated; the time grows with their square
@@ -68,6 +68,8 @@ class EncodingOptions:
             raise OptionError("`sharpness` needs the steps that `effort` fast leaves out; give one of them.")
         if self.views is not None and not _is_choice(self.views, Spread, Auto, All):
             raise OptionError(f"`views` is {self.views!r}; give a tuple of names as text, `Spread`, `Auto` or `All`.")
+        if isinstance(self.views, Spread) and not 1 <= self.views.count <= MAX_VIEWS:
+            raise OptionError(f"{self.views.count} `views` asked for, but a file holds 1 to {MAX_VIEWS}.")
         if self.guides is not None and not _is_choice(self.guides, Spread):
             raise OptionError(f"`guides` is {self.guides!r}; give a tuple of names as text, `Spread`, or () for none.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):

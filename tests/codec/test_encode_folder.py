@@ -123,6 +123,8 @@ def test_options_that_exclude_each_other_are_refused_at_once() -> None:
         with pytest.raises(OptionError) as refused:
             options.__post_init__()
         assert str(refused.value).startswith(f"`{name}` is {value!r}; give a tuple of names as text, ")
+    with pytest.raises(OptionError, match="17 `views` asked for, but a file holds 1 to 16"):
+        EncodingOptions(views=Spread(17))
     with pytest.raises(OptionError, match="needs the steps"):
         EncodingOptions(effort="fast", sharpness=0.5)
     with pytest.raises(OptionError, match="measured on `checks`, and there are none"):
