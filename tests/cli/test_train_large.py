@@ -80,5 +80,5 @@ def test_it_trains_and_encodes_from_the_command_line(
     checkpoint.unlink()
     load_codec.cache_clear()
     absent = fecosplat(*encode, "-o", tmp_path / "again.fcs")
-    assert absent.code == 1 and absent.err.count("\n") == 1
+    assert absent.code == 1 and absent.err.count("fecosplat: ") == 1
     assert "needs the weights of its extractor, base.pth" in absent.err
