@@ -139,7 +139,7 @@ class SenderConfig(CodecConfig):
     stem_channels: int = 96
     fusion_channels: tuple[int, int, int] = (128, 192, 256)  # at 1/4, 1/8, 1/16
     attention_channels: int = 128
-    num_source_views: int = 2  # nearest other views against which a view is matched
+    num_source_views: int = 2  # other views against which a view is matched
 
 
 COMPACT_SENDER = SenderConfig(step_channels=96)  # the sender that is trained; what ships has sharp steps, too

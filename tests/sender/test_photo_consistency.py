@@ -7,7 +7,7 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, depth_from_relative_disparity, pixel_rays
 from fecocodec.sender.extractors.photo_consistency import LEAST_VARIANCE, RADIUS, photo_consistency
-from fecocodec.sender.extractors.plane_sweep import nearest_views
+from fecocodec.sender.extractors.plane_sweep import source_views
 from tests.example_scenes import cameras_in_a_row, example_cameras, example_views
 
 CANDIDATES = 16
@@ -89,6 +89,6 @@ def test_views_that_show_nothing_of_each_other_agree_with_nothing() -> None:
     found = photo_consistency(views.images[None], views.cameras.as_batch(), torch.tensor([[[1], [0]]]), CANDIDATES)
     assert float(found.abs().max()) == 0.0
     cameras = example_cameras(1).as_batch()
-    found = photo_consistency(torch.rand(1, 1, 3, 64, 32), cameras, nearest_views(cameras, 2), CANDIDATES)
+    found = photo_consistency(torch.rand(1, 1, 3, 64, 32), cameras, source_views(cameras, 2), CANDIDATES)
     assert found.shape == (1, 1, CANDIDATES, 16, 8)
     assert float(found.abs().max()) == 0.0

@@ -8,13 +8,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, pixel_rays
-from fecocodec.sender.extractors.plane_sweep import (
-    cost_volume,
-    from_all_pairs,
-    from_sampled_rows,
-    nearest_views,
-    source_views,
-)
+from fecocodec.sender.extractors.depthsplat_small.cost_volume import nearest_views
+from fecocodec.sender.extractors.plane_sweep import cost_volume, from_all_pairs, from_sampled_rows, source_views
 from tests.example_scenes import cameras_in_a_row, example_cameras
 
 

@@ -135,8 +135,8 @@ class CompactExtractor(nn.Module):
     ) -> MatchedMaps:
         """Return the maps of the context views, with guides among their sources."""
         count, num_sources = images.shape[1], self.config.num_source_views
-        nearest = source_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
-        guides = guides.select(sorted({view - count for view in nearest.flatten().tolist() if view >= count}))
+        chosen = source_views(cameras.joined(guides.cameras.as_batch()), num_sources)[0, :count]
+        guides = guides.select(sorted({view - count for view in chosen.flatten().tolist() if view >= count}))
         of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
         sources = source_views(of_all[1], num_sources)
         kept = _kept(joined_masks([(ignored, images[0]), (guides.ignored, guides.images)]))

@@ -17,14 +17,6 @@ MOST_CORRELATED = 2**14  # maximum number of positions of a view for correlating
 MAX_PRODUCTS = 2**24  # maximum number of products in memory
 
 
-def nearest_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count"]:
-    """Return, for every view, the `count` other views (all, if there are fewer) with the nearest camera centres."""
-    centres = cameras.extrinsics[..., :3, 3]
-    distances = torch.cdist(centres, centres)
-    distances.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
-    return distances.topk(min(count, cameras.num_views - 1), dim=-1, largest=False).indices
-
-
 def source_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count"]:
     """Return, for every view, the `count` other views (all, if there are fewer) against which it is matched.
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras, image_positions, pixel_rays
-from fecocodec.sender.extractors.plane_sweep import correlate, nearest_views
+from fecocodec.sender.extractors.plane_sweep import correlate
 
 NUM_CANDIDATES = 128
 _SMALLEST_DEPTH = 1e-3  # in the source camera, scene units
@@ -31,6 +31,14 @@ def source_views(cameras: Cameras) -> Int[Tensor, "batch view count"]:
         return nearest_views(cameras, 2)
     others = [[other for other in range(views) if other != view] or [view] for view in range(views)]
     return torch.tensor(others, device=cameras.extrinsics.device).expand(batch, -1, -1)
+
+
+def nearest_views(cameras: Cameras, count: int) -> Int[Tensor, "batch view count"]:
+    """Return, for every view, the `count` other views (all, if there are fewer) with the nearest camera centres."""
+    centres = cameras.extrinsics[..., :3, 3]
+    distances = torch.cdist(centres, centres)
+    distances.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
+    return distances.topk(min(count, cameras.num_views - 1), dim=-1, largest=False).indices
 
 
 def candidate_depths(cameras: Cameras) -> Float[Tensor, "batch candidate"]:
