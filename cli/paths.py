@@ -32,11 +32,8 @@ def require_output_folder(folder: Path) -> None:
 
 def require_photographs(folder: Path) -> None:
     """Raise InputError if a folder of photographs, or a video, does not exist."""
-    is_file = _IS_EXTENSION.fullmatch(folder.suffix.lower()) is not None
-    missing = (
-        "no such file; check the path." if is_file else "no such folder; give the folder that holds images and cameras."
-    )
-    require_input(folder, missing)
+    kind = "file" if _IS_EXTENSION.fullmatch(folder.suffix.lower()) else "folder"
+    require_input(folder, f"no such {kind}; check the path.")
 
 
 def require_model(folder: Path | None) -> None:

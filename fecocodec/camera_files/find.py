@@ -34,7 +34,7 @@ def read_cameras(path: StrPath, *, are_images_needed: bool = True) -> PosedPhoto
     path = Path(path)
     try:
         if not path.exists():
-            raise InputError(f"{path}: no such folder; give the folder that holds images and cameras.")
+            raise InputError(f"{path}: no such folder; check the path.")
         found = camera_files(path)
         if not found:
             raise InputError(f"{path}: {why_no_cameras(path, are_images_needed=are_images_needed)}")

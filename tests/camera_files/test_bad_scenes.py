@@ -54,7 +54,7 @@ def scene(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("name", "others", "expected"),
     [
-        ("nowhere", (), "no such folder; give the folder that holds images and cameras."),
+        ("nowhere", (), "no such folder; check the path."),
         ("", ("images/a.exr",), "no cameras found; add a transforms.json, a COLMAP model in sparse/0 or a RealEstate"),
         (
             "",

@@ -30,7 +30,7 @@ print(json.dumps([result(arguments) for arguments in json.load(sys.stdin)]))
 
 
 EARLY = [
-    (("encode", "missing", "-o", "a.fcs"), "missing: no such folder; give the folder that holds images"),
+    (("encode", "missing", "-o", "a.fcs"), "missing: no such folder; check the path."),
     (("encode", "missing.mp4", "-o", "a.fcs"), "missing.mp4: no such file; check the path."),
     (("encode", ".", "-o", "."), ".: this is a folder; give the name of a file, such as NAME."),
     (("encode", ".", "-o", "a.splat"), "a.splat: files of kind .splat are not written here; use .fcs."),
