@@ -33,26 +33,26 @@ def progress_bar() -> Iterator[OnProgress]:
         time_left = TimeLeft()
 
         def show(step: str, fraction: float) -> None:
-            left = time_left.after(step, fraction)
+            left = time_left.after(fraction)
             bar.update(task, description=step if left is None else f"{step}, {in_words(left)}", completed=fraction)
 
         yield show
 
 
 class TimeLeft:
-    """Time left, estimated from the time of the current step: other steps take other times per fraction."""
+    """Time left, estimated from the pace since the first fraction that was done."""
 
     def __init__(self) -> None:
-        self._step, self._start, self._pace = "", (0.0, 0.0), 0.0
+        self._start: tuple[float, float] | None = None
 
-    def after(self, step: str, fraction: float) -> float | None:
-        """Return the seconds left once `fraction` of all work is done; None before any step reported twice."""
+    def after(self, fraction: float) -> float | None:
+        """Return the seconds left once `fraction` of all work is done; None where no pace is known."""
         now = monotonic()
-        if step != self._step:
-            self._step, self._start = step, (now, fraction)
-        elif fraction > self._start[1]:
-            self._pace = (now - self._start[0]) / (fraction - self._start[1])
-        return self._pace * (1 - fraction) or None
+        if self._start is None and fraction > 0:
+            self._start = now, fraction
+        if self._start is None or fraction <= self._start[1]:
+            return None
+        return (now - self._start[0]) / (fraction - self._start[1]) * (1 - fraction) or None
 
 
 def in_words(seconds_left: float) -> str:
@@ -73,7 +73,7 @@ def _lines(is_verbose: bool) -> OnProgress:
 
     def report(step: str, fraction: float) -> None:
         nonlocal last, previous, is_first
-        left = time_left.after(step, fraction)
+        left = time_left.after(fraction)
         words = "" if left is None else in_words(left)
         is_long = is_first and left is not None and left >= SECONDS_BETWEEN_LINES
         if is_verbose and (step != previous or is_long):

@@ -75,3 +75,14 @@ def test_a_step_at_the_start_is_not_zero_percent_done(clock, capsys: pytest.Capt
         clock[0] += 25
         on_progress("matching views", 0.0)
     assert capsys.readouterr().err == "matching views: started\n"
+
+
+def test_the_time_left_follows_the_pace_of_all_steps(clock, capsys: pytest.CaptureFixture[str]) -> None:
+    """One step that passes fast says little about those that follow."""
+    with progress_bar() as on_progress:
+        for step, fraction, seconds in (("matching", 0.1, 30), ("fading", 0.4, 1), ("fading", 0.5, 1)):
+            on_progress(step, fraction)
+            clock[0] += seconds
+        on_progress("optimising", 0.5)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "fading: 40% done, about 60 s left"
