@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib
     from fecocodec.sender.rate_control import encode_to_target
     from fecocodec.sender.view_quality import DecodedQuality, quality_warnings
-    from fecocodec.splat_files.ply import read_ply, write_ply
+    from fecocodec.splat_files.ply import read_ply
+    from fecocodec.splat_files.ply_writing import write_ply
 
 __version__ = "0.1.0"
 
@@ -77,7 +78,8 @@ _NAMES_IN = {
     "fecocodec.sender.lambda_search": "AtLeastNewPsnr AtLeastPsnr AtMostKib",
     "fecocodec.sender.rate_control": "encode_to_target",
     "fecocodec.sender.view_quality": "DecodedQuality quality_warnings",
-    "fecocodec.splat_files.ply": "read_ply write_ply",
+    "fecocodec.splat_files.ply": "read_ply",
+    "fecocodec.splat_files.ply_writing": "write_ply",
 }
 _MODULE_OF = {name: module for module, names in _NAMES_IN.items() for name in names.split()}
 

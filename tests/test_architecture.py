@@ -102,6 +102,7 @@ SCENE = str(next((ROOT / "bitstream_spec" / "vectors" / "valid").glob("scene-*.f
         ("import fecocodec, fecocodec.codec.encode_folder, fecosplat_cli.main", ("torch",)),
         *((IMPORT_ALL.format(name), ("torch",)) for name in ("fecocodec.container", "fecocodec.entropy")),
         (RUN.format(["--help"]), ("torch", "numpy", "rich")),
+        ("from fecocodec import decode, write_ply", ("torch",)),
         (RUN.format(["info", SCENE]), ("torch", "numpy", "numba", "scipy")),
     ],
 )

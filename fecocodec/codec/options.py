@@ -72,6 +72,8 @@ class EncodingOptions:
             raise OptionError(f"{self.views.count} `views` asked for, but a file holds 1 to {MAX_VIEWS}.")
         if self.guides is not None and not _is_choice(self.guides, Spread):
             raise OptionError(f"`guides` is {self.guides!r}; give a tuple of names as text, `Spread`, or () for none.")
+        if self.num_checks is not None and self.num_checks < 0:
+            raise OptionError(f"{self.num_checks} `checks` asked for; give 0 or more.")
         if isinstance(self.views, All) and (self.guides or self.num_checks):
             raise OptionError("`views=all` codes every photograph; leave out `guides` and `checks`, or choose `views`.")
 

@@ -1,6 +1,7 @@
 """3D Gaussians and cameras as NumPy arrays, for the decoder and the writers of files that run without torch."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -8,6 +9,9 @@ from jaxtyping import Bool, Float, Float32
 SH_DEGREE_0 = 0.28209479177387814  # Y_0^0; colour = 0.5 + SH_DEGREE_0 * harmonics[0]
 SH_DEGREE_1 = 0.4886025119029199  # the basis is -SH_DEGREE_1 y, SH_DEGREE_1 z, -SH_DEGREE_1 x at a unit direction
 ALPHA_MIN = 1.0 / 255.0  # renderers skip a Gaussian at pixels where its alpha is below this
+
+
+_FIELDS = ("means", "scales", "rotations", "opacities", "harmonics")
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,16 @@ class GaussianArrays:
     def keep(self, mask: Bool[np.ndarray, " n"]) -> "GaussianArrays":
         """Return the Gaussians for which the mask is true, in the same order."""
         return GaussianArrays(*(field[mask] for field in self.fields()))
+
+
+def shape_problem(gaussians: Any) -> str | None:
+    """Return a sentence if the fields of one scene's Gaussians, tensors or arrays, have other shapes than they need."""
+    count, sh_axis = len(gaussians.means), gaussians.harmonics.shape[1:2]
+    shapes = ((count, 3), (count, 3), (count, 4), (count,), (count, *sh_axis, 3))
+    for name, field, shape in zip(_FIELDS, gaussians.fields(), shapes, strict=True):
+        if tuple(field.shape) != shape:
+            return f"`{name}` of the Gaussians has the shape {tuple(field.shape)}; with {count} means it needs {shape}."
+    return None
 
 
 @dataclass(frozen=True)

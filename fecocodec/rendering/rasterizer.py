@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras
+from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras, shape_problem
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.rendering.cpu import render_on_cpu
 from fecocodec.rendering.cuda import render_on_cuda
@@ -60,6 +60,8 @@ def _check(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) 
             f"Rendering takes one scene, but means have shape {tuple(gaussians.means.shape)} and extrinsics "
             f"{tuple(cameras.extrinsics.shape)}; render the scenes of a batch one by one."
         )
+    if problem := shape_problem(gaussians):
+        raise InputError(problem)
     if gaussians.harmonics.shape[-2] not in _SH_SIZES:
         raise InputError(
             f"Gaussians carry {gaussians.harmonics.shape[-2]} harmonics a colour; use 1, 4, 9 or 16 (degree 0 to 3)."
@@ -68,5 +70,7 @@ def _check(gaussians: Gaussians, cameras: Cameras, image_size: tuple[int, int]) 
         raise InputError(
             f"An image of height {image_size[0]} and width {image_size[1]} has no pixels; make both positive."
         )
+    if not all(bool(field.isfinite().all()) for field in (cameras.extrinsics, cameras.intrinsics)):
+        raise InputError("a camera holds a value that is not finite; correct its pose and intrinsics.")
     if not float(cameras.near) > 0.0:
         raise InputError(f"The near bound of the cameras is {float(cameras.near)}; it must be a positive depth.")

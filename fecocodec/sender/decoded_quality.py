@@ -57,10 +57,13 @@ def measure_with_others(
     quality is None. Other arguments and errors as for `measure_decoded`.
     """
     stream = read_stream(data)
-    if len(views.images) != stream.header.num_views:
+    header = stream.header
+    held, given = (header.num_views, header.height, header.width), (len(views.images), *views.image_size)
+    if held != given:
+        count, height, width = held
         raise InputError(
-            f"the stream holds {stream.header.num_views} views, but {len(views.images)} are given to compare it with; "
-            "give the views that it was encoded from, in their order."
+            f"the stream holds {count} views of {width}x{height}, but {given[0]} of {given[2]}x{given[1]} are given to "
+            "compare it with; give the views that it was encoded from, in their order."
         )
     receiver, merging = load_codec(model_folder(model), device).receiver, DEFAULT_MERGING if is_merged else None
     earlier = (decode_with(receiver, data, stages=part, merging=merging) for part in range(1, len(stream.payloads)))

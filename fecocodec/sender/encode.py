@@ -67,7 +67,7 @@ def encode(
     Raises InputError for views or options that cannot be encoded, ModelError if weights cannot be loaded.
     """
     lambda_q, config = quantise_lambda(lmbda), config_of_effort(effort, sharpness)
-    check_views(views, num_stages)
+    check_views(views, num_stages, guides)
     codec = load_codec(model_folder(model), device)
     return encode_with(codec, views, lambda_q, num_stages, config, on_progress, on_warning, guides, on_omission)
 

@@ -72,7 +72,7 @@ def encode_to_target(
     cameras in the world frame of the views. on_lambda: called with the lambda that is chosen. Raises InputError for
     views that cannot be encoded and for a target that no lambda reaches, ModelError if weights cannot be loaded.
     """
-    check_views(views, num_stages=2)
+    check_views(views, 2, guides)
     config = config_of_effort(effort, sharpness)
     codec = load_codec(model_folder(model), device)
     return encode_to_target_with(

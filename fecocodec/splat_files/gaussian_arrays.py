@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fecocodec.errors import OutputError
-from fecocodec.geometry.gaussian_arrays import GaussianArrays
+from fecocodec.geometry.gaussian_arrays import GaussianArrays, shape_problem
 from fecocodec.geometry.harmonics import rotated_harmonics
 from fecocodec.splat_files.output_formats import SpzVersion
 
@@ -99,6 +99,8 @@ def gaussian_arrays(gaussians: Any, place: str) -> OutputGaussians:
     Raises OutputError, which begins with `place`, if a value is not finite in float32 or out of range.
     """
     arrays = OutputGaussians(*(_float64(field) for field in gaussians.fields()))
+    if problem := shape_problem(arrays):
+        raise OutputError(f"{place}: {problem}")
     require_values(place, "opacities", "in [0, 1]", (arrays.opacities >= 0) & (arrays.opacities <= 1))
     require_values(place, "scales", "above 0", arrays.scales > 0)
     with np.errstate(over="ignore"):

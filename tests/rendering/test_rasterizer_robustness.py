@@ -1,6 +1,8 @@
 """Invalid Gaussians and inputs: not drawn, or refused with an InputError."""
 
 import math
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -160,6 +162,33 @@ def test_unusable_inputs_are_refused(change: dict, message: str) -> None:
     with pytest.raises(InputError) as refused:
         render(gaussians, cameras, change.get("image_size", (8, 8)))
     assert str(refused.value) == message
+
+
+UNCHECKED = """
+import torch
+from fecocodec import Cameras, Gaussians, InputError, render
+fields = [torch.rand(9, 3), torch.rand(9, 3), torch.rand(9, 4), torch.rand(9), torch.rand(9, 4, 3)]
+cameras = Cameras(torch.eye(4)[None], torch.eye(3)[None], torch.tensor(1.0), torch.tensor(9.0))
+for index, field in enumerate(fields):
+    short = [*fields[:index], field[:5], *fields[index + 1:]]
+    try:
+        render(Gaussians(*short), cameras, (8, 8))
+    except InputError as error:
+        print(error)
+try:
+    render(Gaussians(*fields), Cameras(cameras.extrinsics * torch.nan, *cameras.fields()[1:]), (8, 8))
+except InputError as error:
+    print(error)
+"""
+
+
+def test_fields_of_other_lengths_are_refused_where_calls_are_not_checked() -> None:
+    """In a fresh process: kernels would read beyond the end of an array."""
+    result = subprocess.run([sys.executable, "-c", UNCHECKED], capture_output=True, text=True, check=True)
+    means, *others, camera = result.stdout.splitlines()
+    assert means == "`scales` of the Gaussians has the shape (9, 3); with 5 means it needs (5, 3)."
+    assert [line.split("`")[1] for line in others] == ["scales", "rotations", "opacities", "harmonics"]
+    assert camera == "a camera holds a value that is not finite; correct its pose and intrinsics."
 
 
 def test_a_batch_of_scenes_is_refused() -> None:

@@ -1,5 +1,7 @@
 """What `encode` refuses before it does any work."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,7 +40,13 @@ def with_skew(views: Views) -> Views:
         (changed(example_views(2), near=torch.tensor(0.0)), "near is 0.0, it must be"),
         (with_skew(example_views(2)), "camera 2: its intrinsics have a skew"),
         (replace(example_views(2), images=torch.full((2, 3, 64, 64), float("nan"))), "not finite"),
-        (replace(example_views(2), images=torch.rand(3, 3, 64, 64)), "3 images were given with 2 cameras"),
+        (replace(example_views(2), images=torch.rand(3, 3, 64, 64)), "3 images of the views were given with 2 cameras"),
+        (replace(example_views(2), images=torch.full((2, 3, 64, 64), 255.0)), "values up to 255; divide them"),
+        (replace(example_views(2), names=("one",)), "2 images of the views were given with 2 cameras and 1 names"),
+        (
+            changed(example_views(2), intrinsics=64 * example_views(2).cameras.intrinsics),
+            "image sides from",
+        ),
         (replace(example_views(2), alpha=torch.zeros(2, 64, 64)), "every pixel of the views is transparent"),
         (replace(example_views(2), alpha=torch.full((2, 64, 64), float("nan"))), "alpha holds values that"),
         (example_views(17), "give 1 to 16"),
@@ -49,6 +57,34 @@ def with_skew(views: Views) -> Views:
 def test_views_that_cannot_be_coded_are_named(random_weights: Path, views: Views, message: str) -> None:
     with pytest.raises(InputError, match=message):
         encode(views, model=random_weights / MODEL)
+
+
+UNCHECKED = """
+import torch
+from fecocodec import Cameras, InputError, Views, encode
+def refused(images, extrinsics=torch.eye(4).repeat(2, 1, 1), intrinsics=torch.eye(3).repeat(2, 1, 1)):
+    try:
+        encode(Views(images, Cameras(extrinsics, intrinsics, torch.tensor(1.0), torch.tensor(9.0)), ("a", "b")))
+    except InputError as error:
+        print(error)
+refused(torch.rand(2, 4, 64, 64))
+refused(torch.full((2, 3, 64, 64), 255, dtype=torch.uint8))
+refused(torch.rand(2, 3, 64, 64), extrinsics=torch.eye(3).repeat(2, 1, 1))
+"""
+
+
+def test_shapes_and_types_are_named_where_calls_are_not_checked() -> None:
+    """In a fresh process, as the tests' type checks refuse such views before the product can."""
+    result = subprocess.run([sys.executable, "-c", UNCHECKED], capture_output=True, text=True, check=True)
+    channels, numbers, poses = result.stdout.splitlines()
+    assert "have the shape (2, 4, 64, 64) and the type torch.float32; give floats in [0, 1]" in channels
+    assert "the type torch.uint8; give floats in [0, 1] of the shape (view, 3, height, width)" in numbers
+    assert "extrinsics and intrinsics of the views have shapes (2, 3, 3) and (2, 3, 3)" in poses
+
+
+def test_guides_of_another_size_are_named(random_weights: Path) -> None:
+    with pytest.raises(InputError, match="guides are 96x64 pixels, and views 64x64; read both at one `size`"):
+        encode(example_views(2), guides=example_views(2, 64, 96), model=random_weights / MODEL)
 
 
 @pytest.mark.parametrize(
