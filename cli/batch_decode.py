@@ -9,7 +9,7 @@ import click
 from fecocodec.splat_files.output_formats import ENDINGS, PLY
 
 from .batch_options import BatchOptions, batch_options, run_and_report
-from .decode_options import decode_here, decoding_options, require_page
+from .decode_options import decode_here, decoding_options, require_writer
 from .options import FILE_PATH
 
 
@@ -43,7 +43,7 @@ def command(
 
     The manifest, the .json file beside each output and the exit code are as for `fecosplat batch encode`.
     """
-    require_page(f".{file_format}")
+    require_writer(Path(f"NAME.{file_format}"))
 
     from fecocodec.batch.scenes import coded_scenes
 

@@ -12,7 +12,7 @@ from fecocodec.container import read_stream_file
 from fecocodec.errors import error_context
 from fecocodec.splat_files.output_formats import ENDINGS, FORMATS, format_of
 
-from .decode_options import decode_here, decoding_options, require_page
+from .decode_options import decode_here, decoding_options, require_writer
 from .options import FILE_PATH, STDIN, STREAM_PATH, json_option
 from .output import print_json, say, warn, write_stdout
 from .paths import STDOUT, require_ending, require_model, require_stream
@@ -86,7 +86,7 @@ def command(
         require_writable(output, overwrite=overwrite)
         require_other_file(output, stream)
         require_ending(output, ENDINGS)
-        require_page(output.suffix)
+        require_writer(output)
     if cameras_file is not None:
         require_writable(cameras_file, overwrite=overwrite)
         require_other_file(cameras_file, stream)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
@@ -104,9 +105,13 @@ def decode_here(data: bytes, **options: Any) -> "Decoded":
     return decode(data, num_threads=num_threads(0), **options)
 
 
-def require_page(suffix: str) -> None:
-    """Raise OutputError for `.html` if the viewer's page was not built, so that nothing is decoded in vain."""
-    if suffix.lower() == ".html":
-        from fecocodec.splat_files.html_page import scene_page
+def require_writer(output: Path) -> None:
+    """Raise OutputError if the format of a file needs a library or a page that is missing: nothing is decoded in vain.
 
-        scene_page()
+    .html files need the viewer's page, which is built.
+    """
+    from fecocodec.splat_files.gaussian_files import writer_of
+
+    writer = writer_of(output)
+    if output.suffix.lower() == ".html":
+        writer.scene_page()

@@ -10,7 +10,7 @@ from fecocodec.container.metadata import Metadata
 from fecocodec.errors import BitstreamError, error_context
 
 from .options import METADATA, STREAM_PATH, json_option
-from .output import print_columns, print_fields, print_json, printable
+from .output import in_options, print_columns, print_fields, print_json, printable
 
 _CONTENTS = {
     "cameras": "of the coded views",
@@ -94,7 +94,7 @@ def summary_fields(summary: StreamSummary) -> dict[str, object]:
         "covered": summary.covered,
         "decoding": {"pixels": header.num_pixels, "gib": round(decoding_gib(header), 2)},
         "metadata": summary.metadata,
-        "damage": summary.damage,
+        "damage": None if summary.damage is None else in_options(summary.damage),
     }
 
 

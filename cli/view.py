@@ -13,7 +13,7 @@ import click
 from fecocodec.container import read_header, read_stream_file
 from fecocodec.errors import OutputError, error_context
 
-from .decode_options import decode_here, require_page
+from .decode_options import decode_here, require_writer
 from .options import STREAM_PATH, max_pixels_option, model_option, threads_option
 from .output import say
 from .paths import require_model
@@ -166,7 +166,7 @@ def _page(scene: Path, model: Path | None, max_pixels: int) -> bytes:
 
     from fecocodec.splat_files.gaussian_files import decoded_file
 
-    require_page(".html")
+    require_writer(Path("scene.html"))
     with error_context(scene), progress_bar() as on_progress:
         decoded = decode_here(data, model=model, max_pixels=max_pixels, on_progress=on_progress)
     page, _, note = decoded_file(decoded, scene.with_suffix(".html"))

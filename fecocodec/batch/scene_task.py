@@ -128,7 +128,7 @@ class SceneTask:
             attempt.read()
             if attempt.is_settled():  # it ended after the sidecar was written
                 return attempt.earlier_outcome()
-            raise OutputError(f"{scene.path}: {reason}")
+            raise InputError(f"{scene.path}: {reason}")
         except Exception as error:
             return attempt.fail(error, 0.0)
 
@@ -194,6 +194,7 @@ class _Attempt:
         )
         record = replace(
             self._record("failed", seconds),
+            inputs=None if isinstance(error, OutputError) else self.inputs,  # not their fault: the next run tries again
             sha256=None if self.earlier is None else self.earlier.sha256,
             error=sentence,
             traceback=None if is_expected else "".join(format_exception(error)),

@@ -118,6 +118,8 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
     require_packages(plan.groups)
     external = () if plan.external is None else read_external(plan.external)
     entries = choose_entries(read_index(plan.index), plan.num_context, plan.most, plan.index)
+    if "guided" in plan.groups and not any(entry.guide for entry in entries):
+        raise InputError(f"{plan.index}: no entry has `guide`, the frames that teach, which systems `guided` needs.")
     if plan.shard is not None:
         entries = entries[plan.shard[0] - 1 :: plan.shard[1]]
     read = open_scenes(plan.root, plan.size)
@@ -166,7 +168,8 @@ def choose_entries(
     """
     chosen = [entry for entry in entries if num_context in (None, len(entry.context))]
     if not chosen:
-        raise InputError(f"{index}: has no entry with {num_context} context views; leave the number out.")
+        of_number = "" if num_context is None else f" with {num_context} context views"
+        raise InputError(f"{index}: has no entry{of_number}; add one, or name another index.")
     if most is not None and most < len(chosen):
         chosen = [chosen[round(position * (len(chosen) - 1) / max(1, most - 1))] for position in range(most)]
     return tuple(chosen)

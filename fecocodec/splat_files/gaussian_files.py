@@ -55,10 +55,23 @@ def gaussian_bytes(
     if gaussians.count == 0 and not file_format.may_be_empty:
         raise OutputError(f"{path}: there are no Gaussians, which this format cannot hold; write a .ply file.")
     gaussians = gaussians.padded(file_format.sh_degree if sh_degree is None else sh_degree)
-    # Loaded on use: SOG needs libraries that the receiver alone does not install.
-    writer = import_module(f"{__package__}.{file_format.module}")
-    data: bytes = writer.file_bytes(OutputScene(gaussians, cameras, path.stem, str(path), spz_version))
+    data: bytes = writer_of(path).file_bytes(OutputScene(gaussians, cameras, path.stem, str(path), spz_version))
     return data
+
+
+def writer_of(path: Path) -> Any:
+    """Return the module that writes the format of a file, loaded on use. Raises OutputError if its library is missing.
+
+    SOG needs libraries that the receiver alone does not install.
+    """
+    file_format = format_of(path)
+    try:
+        return import_module(f"{__package__}.{file_format.module}")
+    except ModuleNotFoundError as error:
+        library = {"PIL": "pillow"}.get(error.name or "", error.name)
+        raise OutputError(
+            f"{path}: {file_format.ending} files need {library}, which is not installed; run pip install {library}."
+        ) from error
 
 
 class DecodedFile(NamedTuple):

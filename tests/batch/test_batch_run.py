@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from fecocodec.batch import scene_task
 from fecocodec.batch.encode_scene import EncodeScene
 from fecocodec.batch.run import run_batch, write_summary
 from fecocodec.batch.scenes import BatchScene
@@ -101,6 +102,18 @@ def test_failures_are_retried_on_request_or_after_a_change(texts, output: Path) 
     run(scenes, output, retry_failed=True)
     assert (output / "a.rev.json").read_text() != record
     assert statuses(run(texts(a="abc"), output)) == {"a": "done"}
+
+
+def test_what_could_not_be_written_is_tried_again(texts, output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenes, write = texts(a="abc"), scene_task.write_file
+
+    def full(path: Path, data: bytes, **options: bool) -> None:
+        raise OutputError(f"{path}: No space left on device; free some.")
+
+    monkeypatch.setattr(scene_task, "write_file", full)
+    assert statuses(run(scenes, output)) == {"a": "failed"}
+    monkeypatch.setattr(scene_task, "write_file", write)
+    assert statuses(run(scenes, output)) == {"a": "done"}
 
 
 def test_a_failure_keeps_the_earlier_output(texts, output: Path) -> None:

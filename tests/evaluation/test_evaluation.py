@@ -51,6 +51,11 @@ def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_a
     assert {"processor", "torch", "date"} <= summary["machine"].keys()
 
 
+def test_guided_systems_need_guides(plan: Plan) -> None:
+    with pytest.raises(InputError, match=r"evaluation\.json: no entry has `guide`, the frames that teach"):
+        evaluate_to_folder(replace(plan, groups=("guided",)))
+
+
 def measurement(entry: str, system: str, setting: str, num_bytes: int, psnr: float) -> Measurement:
     return Measurement(entry, system, setting, "model", num_bytes=num_bytes, psnr=psnr)
 

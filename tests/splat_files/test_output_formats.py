@@ -5,6 +5,7 @@ import json
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -305,3 +306,10 @@ def test_spz_keeps_positions_in_any_unit(scale, tmp_path):
     fixed = raw @ [1, 1 << 8, 1 << 16]
     received = np.where(fixed >= 1 << 23, fixed - (1 << 24), fixed).reshape(50, 3) / 2.0**bits * (1, -1, -1)
     assert np.abs(received - means).max() < 2e-4 * np.ptp(means, axis=0).max()
+
+
+def test_a_library_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "fecocodec.splat_files.sog", raising=False)
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(OutputError, match=r"\.sog files need pillow, which is not installed; run pip install pillow"):
+        write_gaussians(tmp_path / "scene.sog", some_gaussians(8))
