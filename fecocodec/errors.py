@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from math import inf
 
 BAD_WRITER = "the program that wrote it is at fault, encode the scene again."  # ends messages about streams
 
@@ -17,6 +18,14 @@ class InputError(FecoError):
 
 class OptionError(InputError):
     """Options exclude each other, or are for another kind of input; the command line calls it wrong usage."""
+
+
+class SizeError(InputError):
+    """A file cannot be as small as it is to be. kib: the smallest size, in KiB."""
+
+    def __init__(self, message: str, kib: float = inf) -> None:
+        super().__init__(message)
+        self.kib = kib
 
 
 class BitstreamError(FecoError):
@@ -67,4 +76,6 @@ def error_context(
     try:
         yield
     except kinds as error:
-        raise type(error)(f"{place}: {error}") from error
+        named = type(error)(f"{place}: {error}")
+        vars(named).update(vars(error))
+        raise named from error

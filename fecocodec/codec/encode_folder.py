@@ -13,20 +13,19 @@ from typing import TYPE_CHECKING
 from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, distinct_names
 from fecocodec.captures.archives import is_archive, unpacked
-from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
-from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
-from fecocodec.codec.guide_choice import TOO_FAR, shown_note
+from fecocodec.captures.view_selection import Auto
 from fecocodec.codec.messages import Messages, OnMessage
 from fecocodec.codec.options import EncodingOptions
-from fecocodec.codec.roles import LEAST_FOR_CHOICE, Roles, choose_roles
+from fecocodec.codec.read_by_role import read_by_role
+from fecocodec.codec.roles import LEAST_FOR_CHOICE, Roles
 from fecocodec.codec.scene_source import scene_source
 from fecocodec.container import read_header
-from fecocodec.errors import InputError, error_context
+from fecocodec.errors import SizeError, error_context
 from fecocodec.input_file import StrPath
+from fecocodec.limits import MAX_VIEWS
 from fecocodec.model_files import is_shipped
-from fecocodec.photographs.framing import within_limit
 from fecocodec.progress import OnProgress, Progress, ignore_progress
-from fecocodec.sender.lambda_search import AtLeastNewPsnr
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib
 from fecocodec.sender.view_quality import (
     DecodedQuality,
     LeftOutQuality,
@@ -124,13 +123,11 @@ def encode_folder(
                 messages.note(better.remark)
         times = TIMES if is_chosen else (0.0, *TIMES[1:])
         of_choice, of_encoding, of_measuring = Progress(on_progress).split(*times)
-        roles, photographs = _read(scene, options, messages, of_choice)
-        messages.note(*photographs.views.remarks)
+        roles, photographs, data = _encoded(scene, options, messages, of_choice, of_encoding)
 
     from fecocodec.codec.encode_views import encode_views
 
     views, guides, checks = photographs.views, photographs.guides, photographs.checks
-    data = encode_views(views, guides, checks, options, messages, of_encoding)
     if guides is not None and messages.omitted:
         kept = [index for index, name in enumerate(guides.names) if name not in messages.omitted]
         guides = guides.select(kept) if kept else None
@@ -178,66 +175,27 @@ def encode_folder(
     )
 
 
-def _read(
-    scene: PosedPhotographs, options: EncodingOptions, messages: Messages, on_progress: OnProgress
-) -> tuple[Roles, "Photographs"]:
-    """Choose and read the photographs.
+def _encoded(
+    scene: PosedPhotographs,
+    options: EncodingOptions,
+    messages: Messages,
+    of_choice: OnProgress,
+    of_encoding: OnProgress,
+) -> tuple[Roles, "Photographs", bytes]:
+    """Choose, read and encode photographs; fewer of them where as many as the scene needs exceed a target in KiB."""
+    most = MAX_VIEWS
+    while True:
+        roles, photographs = read_by_role(scene, options, messages, of_choice, most)
+        messages.note(*photographs.views.remarks)
 
-    Others replace checks that cannot be read, if none is left, and coded views that are not named.
-    """
+        from fecocodec.codec.encode_views import encode_views  # it loads torch
 
-    shares: dict[int, float] = {}
-
-    def decide(order: list[int], others: list[int]) -> list[int]:
-        from fecocodec.codec.view_count import coded_views  # it loads torch
-
-        on_progress("choosing views", 0.0)
-        return coded_views(scene, options, shares.update, order, others)
-
-    roles = choose_roles(
-        scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
-    )
-    messages.warn(*roles.warnings)
-    for sentence in roles.omissions:
-        messages.omit(sentence)
-    chosen = _framed(scene, roles, options, messages)
-    if shares:
-        messages.note(shown_note(len(roles.context), shares, roles.unused.get(TOO_FAR, ())))
-
-    from fecocodec.captures.scene_folder import with_problems
-    from fecocodec.codec.encode_views import read_photographs
-    from fecocodec.sender.optimisation_config import config_of_effort
-
-    config_of_effort(options.effort, options.sharpness)  # raises for one that there is not
-    try:
-        found = read_photographs(*chosen, options, messages)
-    except InputError:
-        readable = scene if isinstance(options.views, tuple) else with_problems(scene, roles.context, messages.omit)
-        if readable is scene:
-            raise
-    else:
-        readable = with_problems(scene, roles.checks, messages.omit) if found.checks is None else scene
-        if readable is scene:
-            return roles, found
-    return _read(readable, options, messages, on_progress)
-
-
-def _framed(
-    scene: PosedPhotographs, roles: Roles, options: EncodingOptions, messages: Messages
-) -> tuple[ChosenPhotographs, ChosenPhotographs | None, ChosenPhotographs | None]:
-    """Return the coded photographs, guides and checks, cropped to one size. Raises InputError."""
-
-    def of(indices: list[int], size: tuple[int, int] | None) -> ChosenPhotographs:
-        return framed(scene, [scene.photographs[index] for index in indices], size, [])
-
-    chosen = of(roles.context, options.size)
-    if options.size is None and (size := within_limit(chosen.image_size, len(roles.context))) != chosen.image_size:
-        chosen = of(roles.context, size)
-    if options.views is None:
-        messages.warn(*unposed_notes(scene))
-    messages.note(*chosen.remarks)
-    messages.warn(*chosen.notes)
-    if options.size is None and (remark := scaling_remark(chosen.lenses, chosen.image_size)):
-        messages.note(remark)
-    guides, checks = (of(part, chosen.image_size) if part else None for part in (roles.guides, roles.checks))
-    return chosen, guides, checks
+        parts, count = (photographs.views, photographs.guides, photographs.checks), len(photographs.views.names)
+        try:
+            return roles, photographs, encode_views(*parts, options, messages, of_encoding)
+        except SizeError as error:
+            is_chosen = options.views is None or isinstance(options.views, Auto)
+            if not is_chosen or count < LEAST_FOR_CHOICE or not isinstance(options.target, AtMostKib):
+                raise
+            most = max(2, min(count - 1, int(count * options.target.kib / error.kib)))
+            messages.note(f"{count} coded photographs take {error.kib:.2f} KiB or more; at most {most} are coded.")

@@ -12,7 +12,7 @@ import torch
 
 from fecocodec.checkpoint import model_folder
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX, dequantise_lambda
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, SizeError
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, Progress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
@@ -172,7 +172,7 @@ def _require_reachable(
     """Raise InputError if the attempt at the favourable end of the lambda range misses the target, as all do then."""
     at_end = [attempt for attempt in full if attempt.lambda_q == _favourable_end(target)]
     if at_end and all(_point(attempt, target).margin < 0.0 for attempt in full):
-        raise InputError(_unreachable(at_end[-1], target, config, names))
+        raise _unreachable(at_end[-1], target, config, names)
 
 
 def _favourable_end(target: Target) -> int:
@@ -203,16 +203,18 @@ def _expected(fast: Point, target: Target, num_steps: int) -> Point:
     return replace(fast, margin=fast.margin + PSNR_GAIN + PSNR_GAIN_BELOW * decades_below(LAMBDA_Q_MAX, fast.lambda_q))
 
 
-def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> str:
-    """Return the error message for a target that `attempt`, at the favourable end of the lambda range, misses."""
+def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> InputError:
+    """Return the error for a target that `attempt`, at the favourable end of the lambda range, misses."""
     if isinstance(target, AtMostKib):
         lower = ", lower `sharpness`" if config.num_steps > 0 and config.sharpness > -1.0 else ""
-        return (
-            f"a file of {target.kib:g} KiB cannot be made, the smallest has {len(attempt.data) / 1024:.2f}; "
-            f"raise the target{lower}, or give fewer or smaller views."
+        kib = len(attempt.data) / 1024
+        return SizeError(
+            f"a file of {target.kib:g} KiB cannot be made, the smallest has {kib:.2f}; raise the target{lower}, or "
+            "give fewer `views`, or a smaller `size`.",
+            kib,
         )
     if isinstance(target, AtLeastNewPsnr):
-        return (
+        return InputError(
             f"a PSNR of {target.psnr:g} dB at new views cannot be reached, the best is {attempt.psnr:.2f}: a larger "
             "file does not show what no coded view shows; lower the target, or code more photographs by `views`."
         )
@@ -222,7 +224,7 @@ def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, n
         advice.append("use `effort=best`")
     if len(names) > 2:
         advice.append(f"leave out the worst view, {names[worst]} ({attempt.quality.psnr_of_view[worst]:.2f} dB)")
-    return (
+    return InputError(
         f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}: even the smallest lambda, "
         "with the largest file, is limited by the detail that the networks represent and by how well the views "
         f"agree; {', or '.join(advice)}."

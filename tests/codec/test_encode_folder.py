@@ -18,8 +18,9 @@ from fecocodec.codec.encode_folder import OtherViews
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.scene_source import SceneSource
 from fecocodec.container import inspect
-from fecocodec.errors import OptionError, StrictError
+from fecocodec.errors import OptionError, SizeError, StrictError
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
+from fecocodec.geometry.views import Views
 from fecocodec.model_files import is_shipped, model_folder
 from tests.example_scenes import MODEL, write_scene, write_views
 
@@ -316,6 +317,27 @@ def test_warnings_rest_on_new_views(seven: Path, options: EncodingOptions) -> No
     assert not any(warning.startswith("the decoded views are poor") for warning in warnings)
     unchecked = encode_folder(seven, replace(options, num_checks=0)).warnings
     assert any(warning.startswith("the decoded views are poor") for warning in unchecked)
+
+
+def test_fewer_are_coded_where_all_that_are_needed_do_not_fit(
+    seven: Path, shipped: EncodingOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+
+    def to_target(views: Views, **_options: object) -> bytes:
+        counts.append(len(views.names))
+        if len(views.names) > 2:
+            raise SizeError("it is too large.", 20.0)
+        return fecocodec.encode(views, effort="fast", num_stages=1)
+
+    monkeypatch.setattr("fecocodec.codec.encode_views.encode_to_target", to_target)
+    monkeypatch.setattr("fecocodec.codec.view_count.best_count", lambda shares: len(shares))
+    options = replace(shipped, target=AtMostKib(8.0), num_stages=2)
+    report = encode_folder(seven, options)
+    assert counts == [6, 2] == [6, len(report.names)]
+    assert "6 coded photographs take 20.00 KiB or more; at most 2 are coded." in report.notes
+    with pytest.raises(SizeError, match=f"^{seven}: it is too large"):
+        encode_folder(seven, replace(options, views=Spread(4)))
 
 
 def test_messages_of_a_video_are_about_frames() -> None:

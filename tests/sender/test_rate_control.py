@@ -163,7 +163,7 @@ def test_quality_is_measured_after_each_stage_as_decoded(
     assert last.psnr == pytest.approx(quality_of(data), abs=1e-4)
     assert first.psnr != last.psnr
     assert last.psnr_of_view[last.worst_view] == min(last.psnr_of_view)
-    with pytest.raises(InputError, match="holds 2 views, but 1 are given"):
+    with pytest.raises(InputError, match="holds 2 views of 64x64, but 1 of 64x64 are given"):
         measure_decoded(data, views.select([0]), model=random_weights / MODEL)
 
 
