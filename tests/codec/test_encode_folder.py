@@ -320,7 +320,7 @@ def test_warnings_rest_on_new_views(seven: Path, options: EncodingOptions) -> No
 
 
 def test_fewer_are_coded_where_all_that_are_needed_do_not_fit(
-    seven: Path, shipped: EncodingOptions, monkeypatch: pytest.MonkeyPatch
+    seven: Path, shipped: EncodingOptions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counts: list[int] = []
 
@@ -338,6 +338,11 @@ def test_fewer_are_coded_where_all_that_are_needed_do_not_fit(
     assert "6 coded photographs take 20.00 KiB or more; at most 2 are coded." in report.notes
     with pytest.raises(SizeError, match=f"^{seven}: it is too large"):
         encode_folder(seven, replace(options, views=Spread(4)))
+    few = copied(seven, tmp_path / "few", "0.png", b"")
+    for name in ("0.png", "1.png", "2.png"):
+        (few / name).unlink()
+    with pytest.raises(SizeError):  # all of four are coded
+        encode_folder(few, options)
 
 
 def test_messages_of_a_video_are_about_frames() -> None:
