@@ -125,7 +125,7 @@ def command(
 
     names = tuple(group.strip() for group in groups.split(","))
     require_packages(names)
-    require_input(root)
+    require_input(root, "there is no such folder; check the path.")
     require_input(index)
     read_index(index)  # reports an invalid index before torch is loaded
 

@@ -47,7 +47,7 @@ def command(root: Path, index: Path, output: Path, most: int, lmbda: float, mode
     The exit code is 1 if a rule is violated: a crash, a value that is not finite, a missing warning, more loss than the
     case may have, or 0.5 dB less than photographs as JPEG XL at equal bytes, with our networks at the receiver.
     """
-    require_input(root)
+    require_input(root, "there is no such folder; check the path.")
     require_input(index)
     read_index(index)  # reports an invalid index before torch is loaded
 
