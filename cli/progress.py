@@ -1,13 +1,13 @@
 """Progress of long work on stderr: a progress bar on a terminal, occasional lines in a pipe or log file."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-from .output import Verbosity, say, verbosity
+from fecocodec.progress import ON_COMPILATION, OnProgress
 
-OnProgress = Callable[[str, float], None]
+from .output import Verbosity, say, verbosity
 
 SECONDS_BETWEEN_LINES = 20.0  # of a log; longer work also gets a line as soon as its time is known
 
@@ -18,9 +18,20 @@ def progress_bar() -> Iterator[OnProgress]:
     if verbosity() is Verbosity.QUIET:
         yield lambda _step, _fraction: None
         return
+    time_left = TimeLeft()
+    ON_COMPILATION.append(time_left.compiled)
+    try:
+        with _shown(time_left) as on_progress:
+            yield on_progress
+    finally:
+        ON_COMPILATION.remove(time_left.compiled)
+
+
+@contextmanager
+def _shown(time_left: "TimeLeft") -> Iterator[OnProgress]:
     is_verbose = verbosity() is Verbosity.VERBOSE
     if is_verbose or not sys.stderr.isatty():
-        yield _lines(is_verbose)
+        yield _lines(is_verbose, time_left)
         return
 
     from rich.console import Console
@@ -30,7 +41,6 @@ def progress_bar() -> Iterator[OnProgress]:
     columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=1.0)
-        time_left = TimeLeft()
 
         def show(step: str, fraction: float) -> None:
             left = time_left.after(fraction)
@@ -40,10 +50,18 @@ def progress_bar() -> Iterator[OnProgress]:
 
 
 class TimeLeft:
-    """Time left, estimated from the pace since the first fraction that was done."""
+    """Time left, estimated from the pace since the first fraction that was done, or since kernels were compiled."""
 
     def __init__(self) -> None:
         self._start: tuple[float, float] | None = None
+        self._is_told = False
+
+    def compiled(self) -> None:
+        """Start again; say once that kernels are compiled."""
+        self._start = None
+        if not self._is_told:
+            self._is_told = True
+            say("note: kernels are compiled for this machine; this happens once.")
 
     def after(self, fraction: float) -> float | None:
         """Return the seconds left once `fraction` of all work is done; None where no pace is known."""
@@ -62,14 +80,14 @@ def in_words(seconds_left: float) -> str:
     return f"about {seconds_left / 60:.0f} min left"
 
 
-def _lines(is_verbose: bool) -> OnProgress:
+def _lines(is_verbose: bool, time_left: TimeLeft) -> OnProgress:
     """Return a callback that prints a line every SECONDS_BETWEEN_LINES, none for shorter work.
 
     The first line is printed earlier, when the estimate of the time left exceeds SECONDS_BETWEEN_LINES. Verbose: there
     is a line when a step starts, with the seconds since the work started, and one with the time left of a long step.
     """
     start = last = monotonic()
-    previous, time_left, is_first = "", TimeLeft(), True
+    previous, is_first = "", True
 
     def report(step: str, fraction: float) -> None:
         nonlocal last, previous, is_first

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
 OnProgress = Callable[[str, float], None]  # (current task, fraction done)
+# Called whenever a kernel is compiled, at first use on a machine, which takes about a second.
+ON_COMPILATION: list[Callable[[], None]] = []
 
 
 def ignore_progress(_task: str, _fraction: float) -> None:

@@ -6,7 +6,7 @@ Only this file imports Dask, the `cluster` extra; `require_cluster_extra` of `ru
 import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from time import monotonic
@@ -103,6 +103,8 @@ def local_cluster(num_workers: int, num_threads: int = 1) -> Iterator[Cluster]:
         Client(cluster) as client,
     ):
         yield Cluster(client)
+        with suppress(TimeoutError):  # Dask fails to close while it replaces a process that was killed
+            client.wait_for_workers(num_workers, timeout=SECONDS_FOR_A_WORKER)
 
 
 @contextmanager

@@ -24,7 +24,6 @@ _OTHER_FORMATS = (
     ("a .sog file, or another ZIP archive", b"PK\x03\x04", ""),
     ("a page (HTML)", b"<!DOCTYPE html", ""),
     ("a JPEG image", b"\xff\xd8\xff", "; it reads folders of photographs"),
-    ("a PNG image", b"\x89PNG", "; it reads folders of photographs"),
 )
 SIGNATURE_BYTES = max(len(SIGNATURE), *(len(signature) for _, signature, _ in _OTHER_FORMATS))
 

@@ -9,6 +9,8 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache
 
+from fecocodec.progress import ON_COMPILATION
+
 # Kernels release the global interpreter lock, so that `threads.run_in_ranges` can run them in parallel. Sums may be
 # reordered and fused, so that loops vectorise. NaN and infinity keep their meaning: projection relies on them to drop
 # Gaussians that are not finite.
@@ -31,9 +33,12 @@ class _OptionalCache(FunctionCache):
     """numba's cache on disk. Kernels that cannot be read from it are compiled; those it cannot hold are not cached."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = None
         with suppress(OSError, EOFError, UnpicklingError):
-            return super().load_overload(sig, target_context)
-        return None
+            found = super().load_overload(sig, target_context)
+        for tell in ON_COMPILATION if found is None else ():
+            tell()
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):  # such as a full disk

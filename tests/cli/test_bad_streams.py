@@ -35,8 +35,8 @@ def with_another_digest(data: bytes) -> bytes:
 
 BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "not an .fcs": (
-        lambda data: b"\x89MNG\r\n\x1a\n" + bytes(100),
-        "not a .fcs file: its signature at byte 0 is 89 4d 4e 47 0d 0a 1a 0a instead of 89 46 43 53 0d 0a 1a 0a; give "
+        lambda data: b"\x89PNG\r\n\x1a\n" + bytes(100),
+        "not a .fcs file: its signature at byte 0 is 89 50 4e 47 0d 0a 1a 0a instead of 89 46 43 53 0d 0a 1a 0a; give "
         "a file written by fecosplat encode.",
     ),
     "newer version": (

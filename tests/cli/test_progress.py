@@ -6,6 +6,8 @@ import sys
 import pytest
 from fecosplat_cli.progress import progress_bar
 
+from fecocodec.progress import ON_COMPILATION
+
 
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
@@ -86,3 +88,20 @@ def test_the_time_left_follows_the_pace_of_all_steps(clock, capsys: pytest.Captu
         on_progress("optimising", 0.5)
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "fading: 40% done, about 60 s left"
+
+
+def test_the_time_left_starts_again_after_kernels_were_compiled(clock, capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar() as on_progress:
+        on_progress("matching", 0.1)
+        for tell in ON_COMPILATION * 2:
+            clock[0] += 30
+            tell()
+        for fraction in (0.2, 0.3):
+            on_progress("optimising", fraction)
+            clock[0] += 25
+    assert ON_COMPILATION == []
+    assert capsys.readouterr().err.splitlines() == [
+        "note: kernels are compiled for this machine; this happens once.",
+        "optimising: 20% done",
+        "optimising: 30% done, about 3 min left",
+    ]

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import torch
@@ -200,6 +201,14 @@ def test_a_batch_of_scenes_is_refused() -> None:
 def test_kernels_compile_where_no_cache_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.core.caching.FunctionCache._impl_class._locator_classes", [])
     assert compiled(_twice)(21) == 42
+
+
+def test_the_first_compilation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    told: list[int] = []
+    monkeypatch.setattr("fecocodec.kernels.compilation.ON_COMPILATION", [lambda: told.append(len(told))])
+    assert compiled(_twice)(21) == compiled(_twice)(21) == 42
+    assert told == [0]  # the second one was read from the cache
 
 
 def _twice(number: int) -> int:

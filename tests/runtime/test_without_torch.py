@@ -58,12 +58,15 @@ def test_what_needs_more_names_what_to_install(tmp_path: Path) -> None:
         ["encode", "examples/motorcycle", "-o", tmp_path / "out.fcs"],
         ["render", SCENE, "-o", tmp_path / "out"],
         ["decode", SCENE, "-o", tmp_path / "out.ply", "--device", "cuda"],
-        ["decode", SCENE, "-o", tmp_path / "out.sog"],
         ["info", "--parameters"],
     ]
     for command, (code, _, err) in zip(commands, fecosplat(*commands), strict=True):
         assert code == 1, command
         assert err.count("\n") == 1 and "pip install '.[sender]'" in err, err
+    ((code, _, err),) = fecosplat(["decode", SCENE, "-o", tmp_path / "out.sog"])
+    assert code == 1 and err.endswith(
+        "out.sog: .sog files need pillow, which is not installed; run pip install pillow.\n"
+    )
 
 
 PROGRAM = "from cli.process import prepare_process; prepare_process(); import fecocodec.runtime.graphs"
