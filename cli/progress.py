@@ -19,12 +19,21 @@ def progress_bar() -> Iterator[OnProgress]:
         yield lambda _step, _fraction: None
         return
     time_left = TimeLeft()
-    ON_COMPILATION.append(time_left.compiled)
+    is_told = False
+
+    def on_compilation() -> None:
+        nonlocal is_told
+        time_left.restart()
+        if not is_told:
+            is_told = True
+            say("note: kernels are compiled for this machine; this happens once.")
+
+    ON_COMPILATION.append(on_compilation)
     try:
         with _shown(time_left) as on_progress:
             yield on_progress
     finally:
-        ON_COMPILATION.remove(time_left.compiled)
+        ON_COMPILATION.remove(on_compilation)
 
 
 @contextmanager
@@ -50,18 +59,14 @@ def _shown(time_left: "TimeLeft") -> Iterator[OnProgress]:
 
 
 class TimeLeft:
-    """Time left, estimated from the pace since the first fraction that was done, or since kernels were compiled."""
+    """Time left, estimated from the pace since the first fraction that was done, or since `restart`."""
 
     def __init__(self) -> None:
         self._start: tuple[float, float] | None = None
-        self._is_told = False
 
-    def compiled(self) -> None:
-        """Start again; say once that kernels are compiled."""
+    def restart(self) -> None:
+        """Leave out what has passed: it took time that does not come again."""
         self._start = None
-        if not self._is_told:
-            self._is_told = True
-            say("note: kernels are compiled for this machine; this happens once.")
 
     def after(self, fraction: float) -> float | None:
         """Return the seconds left once `fraction` of all work is done; None where no pace is known."""

@@ -21,7 +21,7 @@ class OptionError(InputError):
 
 
 class SizeError(InputError):
-    """A file cannot be as small as it is to be. kib: the smallest size, in KiB."""
+    """A file cannot be as small as was asked. kib: the smallest size, in KiB."""
 
     def __init__(self, message: str, kib: float = inf) -> None:
         super().__init__(message)

@@ -196,6 +196,6 @@ def _encoded(
         except SizeError as error:
             is_chosen = options.views is None or isinstance(options.views, Auto)
             if not is_chosen or not 2 < count <= most or not isinstance(options.target, AtMostKib):
-                raise  # of more than `most`: all are coded of fewer than LEAST_FOR_CHOICE
+                raise  # more than `most`: so few photographs that all are coded
             most = max(2, min(count - 1, int(count * options.target.kib / error.kib)))
             messages.note(f"{count} coded photographs take {error.kib:.2f} KiB or more; at most {most} are coded.")

@@ -34,7 +34,7 @@ def check_views(views: Views, num_stages: int, guides: Views | None = None) -> N
 
 
 def check_photographs(views: Views, role: str) -> None:
-    """Raise InputError for images and cameras of other shapes, numbers or units than `Views` has. role: for messages"""
+    """Raise InputError for images or cameras of other shapes, number or units than `Views` has. role: in messages."""
     images, cameras, count = views.images, views.cameras, len(views.images)
     if images.ndim != 4 or images.shape[1] != 3 or not images.is_floating_point():
         raise InputError(
