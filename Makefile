@@ -4,8 +4,9 @@
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	$$python -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' >/dev/null 2>&1 \
 	&& { echo $$python; break; }; done)
-# A build of torch for this machine. Set TORCH to another requirement (or PIP_INDEX_URL to another index) for CUDA.
+# The CPU build of torch; where its index cannot be reached, the build of pip's own one. CUDA: make demo TORCH_INDEX=
 TORCH ?= torch==2.13.0
+TORCH_INDEX ?= --retries 1 --index-url https://download.pytorch.org/whl/cpu
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -26,6 +27,7 @@ help: ## show this list
 $(READY): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "fecosplat needs Python 3.11, 3.12 or 3.13 with venv; set PYTHON=/path/to/python" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH_INDEX) "$(TORCH)" || \
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	@hook=$$(git rev-parse --git-path hooks/commit-msg 2>/dev/null) || exit 0; \

@@ -198,4 +198,4 @@ def _encoded(
             if not is_chosen or not 2 < count <= most or not isinstance(options.target, AtMostKib):
                 raise  # more than `most`: so few photographs that all are coded
             most = max(2, min(count - 1, int(count * options.target.kib / error.kib)))
-            messages.note(f"{count} coded photographs take {error.kib:.2f} KiB or more; at most {most} are coded.")
+            messages.note(f"{count} coded photographs take {error.kib:.1f} KiB or more; at most {most} are coded.")

@@ -11,6 +11,7 @@ from fecocodec.errors import OptionError
 from fecocodec.limits import MAX_VIEWS, require_depths, require_size
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, Target
 
+CHOICES = {"background": (None, "white", "black"), "masks": ("leave-out", "cut-out", "unused")}
 DEFAULT_FRAMES = 40  # of a video, from which cameras are estimated; the time grows with their square
 
 
@@ -54,6 +55,12 @@ class EncodingOptions:
 
     def __post_init__(self) -> None:
         """Raise InputError or BitstreamError for values that no file has, OptionError for a conflict."""
+        for name, choices in CHOICES.items():
+            if (value := getattr(self, name)) not in choices:
+                raise OptionError(f"`{name}` is {value!r}; give one of {', '.join(map(repr, choices))}.")
+        for name in ("num_frames", "focal_px"):
+            if (number := getattr(self, name)) is not None and not number > 0:
+                raise OptionError(f"`{name}` is {number:g}; give a number above 0.")
         quantise_lambda(self.lmbda)
         if self.size is not None:
             require_size(self.size)

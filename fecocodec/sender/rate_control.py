@@ -4,6 +4,7 @@ File size and PSNR decrease with lambda in practice. A few fast encodings withou
 rate-distortion curve; a few full encodings then correct the remaining difference by the secant method.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +31,7 @@ NEARBY_LAMBDA_Q = 64  # the curve is nearly linear over this distance, so the fa
 # Gain of the default number of optimisation steps at equal lambda, on training scenes: ln(bytes), dB at lambda 1e-2,
 # and further dB for each power of ten below it, where files get detail.
 SIZE_GAIN, PSNR_GAIN, PSNR_GAIN_BELOW = 0.13, 0.9, 0.85
+OUT_OF_REACH = 0.35  # ln(bytes) by which the smallest file must be expected to exceed a target that is given up at once
 TIME_OF_STEP = 0.5  # time that an optimisation step adds to an encoding, relative to one without optimisation
 
 
@@ -134,6 +136,9 @@ def search(
         lambda_q = next_lambda_q(fast)
         if any(abs(point.lambda_q - lambda_q) <= NEARBY_LAMBDA_Q for point in fast):
             break
+    smallest = max(fast, key=lambda point: point.lambda_q)
+    if isinstance(target, AtMostKib) and smallest.lambda_q == LAMBDA_Q_MAX and smallest.margin < -OUT_OF_REACH:
+        raise _too_small(target, target.kib * math.exp(-smallest.margin), config, "about ")
     full: list[Attempt] = []
     while not _is_done(full, target):
         _require_reachable(full, target, config, names)
@@ -206,13 +211,7 @@ def _expected(fast: Point, target: Target, num_steps: int) -> Point:
 def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, names: tuple[str, ...]) -> InputError:
     """Return the error for a target that `attempt`, at the favourable end of the lambda range, misses."""
     if isinstance(target, AtMostKib):
-        lower = ", lower `sharpness`" if config.num_steps > 0 and config.sharpness > -1.0 else ""
-        kib = len(attempt.data) / 1024
-        return SizeError(
-            f"a file of {target.kib:g} KiB cannot be made, the smallest has {kib:.2f}; raise the target{lower}, or "
-            "give fewer `views`, or a smaller `size`.",
-            kib,
-        )
+        return _too_small(target, len(attempt.data) / 1024, config)
     if isinstance(target, AtLeastNewPsnr):
         return InputError(
             f"a PSNR of {target.psnr:g} dB at new views cannot be reached, the best is {attempt.psnr:.2f}: a larger "
@@ -228,4 +227,14 @@ def _unreachable(attempt: Attempt, target: Target, config: OptimisationConfig, n
         f"a PSNR of {target.psnr:g} dB cannot be reached, the best is {attempt.psnr:.2f}: even the smallest lambda, "
         "with the largest file, is limited by the detail that the networks represent and by how well the views "
         f"agree; {', or '.join(advice)}."
+    )
+
+
+def _too_small(target: AtMostKib, kib: float, config: OptimisationConfig, about: str = "") -> SizeError:
+    """Return the error for a target below the smallest file, which has `kib`. about: before a size that is expected."""
+    lower = ", lower `sharpness`" if config.num_steps > 0 and config.sharpness > -1.0 else ""
+    return SizeError(
+        f"a file of {target.kib:g} KiB cannot be made, the smallest has {about}{kib:.2f}; raise the target{lower}, or "
+        "give fewer `views`, or a smaller `size`.",
+        kib,
     )

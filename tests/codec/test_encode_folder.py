@@ -124,6 +124,18 @@ def test_options_that_exclude_each_other_are_refused_at_once() -> None:
         with pytest.raises(OptionError) as refused:
             options.__post_init__()
         assert str(refused.value).startswith(f"`{name}` is {value!r}; give a tuple of names as text, ")
+    for name, value, advice in (
+        ("background", "red", "one of None, 'white', 'black'"),
+        ("masks", "red", "one of 'leave-out', 'cut-out', 'unused'"),
+        ("num_frames", -1, "a number above 0"),
+        ("focal_px", 0.0, "a number above 0"),
+    ):
+        options = EncodingOptions()
+        object.__setattr__(options, name, value)
+        with pytest.raises(OptionError) as refused:
+            options.__post_init__()
+        shown = repr(value) if isinstance(value, str) else f"{value:g}"
+        assert str(refused.value) == f"`{name}` is {shown}; give {advice}."
     with pytest.raises(OptionError, match="17 `views` asked for, but a file holds 1 to 16"):
         EncodingOptions(views=Spread(17))
     with pytest.raises(OptionError, match="needs the steps"):
@@ -335,7 +347,7 @@ def test_fewer_are_coded_where_all_that_are_needed_do_not_fit(
     options = replace(shipped, target=AtMostKib(8.0), num_stages=2)
     report = encode_folder(seven, options)
     assert counts == [6, 2] == [6, len(report.names)]
-    assert "6 coded photographs take 20.00 KiB or more; at most 2 are coded." in report.notes
+    assert "6 coded photographs take 20.0 KiB or more; at most 2 are coded." in report.notes
     with pytest.raises(SizeError, match=f"^{seven}: it is too large"):
         encode_folder(seven, replace(options, views=Spread(4)))
     few = copied(seven, tmp_path / "few", "0.png", b"")

@@ -84,18 +84,26 @@ def test_a_target_that_every_lambda_reaches_gets_the_end_of_the_range(target: Ta
 
 
 @pytest.mark.parametrize(
-    ("target", "sentence"),
+    ("target", "sentence", "num_full"),
     [
         (
             AtMostKib(0.5),
-            r"a file of 0\.5 KiB cannot be made, the smallest has .*; raise the target, lower `sharpness`, or give",
+            r"a file of 0\.5 KiB cannot be made, the smallest has about 2\.\d\d; raise the target, lower `sharp",
+            0,  # no encoding in full is needed to know
         ),
-        (AtLeastPsnr(99.0), "a PSNR of 99 dB cannot be reached, the best is 32.*limited by the detail.*`effort=best`"),
+        (AtMostKib(2.3), r"a file of 2\.3 KiB cannot be made, the smallest has 2\.66; raise", 1),
+        (
+            AtLeastPsnr(99.0),
+            "a PSNR of 99 dB cannot be reached, the best is 32.*limited by the detail.*`effort=best`",
+            1,
+        ),
     ],
 )
-def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: str) -> None:
+def test_a_target_that_no_lambda_reaches_is_refused(target: Target, sentence: str, num_full: int) -> None:
+    curve = Curve(0.0)
     with pytest.raises(InputError, match=sentence):
-        search(Curve(0.0), target, DEFAULT, DEFAULT.num_steps, NAMES, quiet)
+        search(curve, target, DEFAULT, DEFAULT.num_steps, NAMES, quiet)
+    assert curve.calls[DEFAULT] == num_full
 
 
 @pytest.mark.parametrize(
