@@ -132,7 +132,9 @@ def detail_of(header: Header, recipe: Recipe) -> bytes:
     """Return the payload of detail."""
     random = Random(100 * recipe.seed + 3)
     choose = lambda plane, table_index: choose_each(recipe.choose, random, table_index)  # noqa: E731
-    return encode_detail(detail_tables_of(header.model_id), choose, detail_size(header))[0]
+    tables = detail_tables_of(header.model_id)
+    assert tables is not None
+    return encode_detail(tables, choose, detail_size(header))[0]
 
 
 def cells_covered(header: Header, every: int) -> bytes:

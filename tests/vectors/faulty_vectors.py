@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from unittest.mock import patch
 
 from fecocodec.container import Stream, write_stream
+from fecocodec.container.detail_section import Detail
 from tests.container.faulty_streams import faults_of
 from tests.vectors.chosen_symbols import Recipe, stream_of_recipe
-from tests.vectors.good_vectors import BASE
+from tests.vectors.good_vectors import BASE, VALID
+from tests.vectors.paper_model import paper_model_id
 
 
 @dataclass(frozen=True)
@@ -102,4 +104,9 @@ def digest_faults(good: Stream) -> list[FaultyVector]:
 
 def model_faults(good: Stream) -> list[FaultyVector]:
     other = replace(good, header=replace(good.header, model_id=bytes(8)))
-    return [FaultyVector(write_stream(other), "model id", f"the receiver weights with model id {bytes(8).hex()}")]
+    without = replace(stream_of_recipe(VALID["paper"][0]), detail=Detail(20, b""))
+    says = f"the model {paper_model_id().hex()} has no detail"
+    return [
+        FaultyVector(write_stream(other), "model id", f"the receiver weights with model id {bytes(8).hex()}"),
+        FaultyVector(write_stream(without), "the model has detail", says),
+    ]

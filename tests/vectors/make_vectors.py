@@ -16,19 +16,18 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from fecocodec import encode, read_views  # noqa: E402
 from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED, model_id_of  # noqa: E402
 from fecocodec.container import Stream, read_stream  # noqa: E402
 from tests.vectors.faulty_vectors import faulty_vectors  # noqa: E402
 from tests.vectors.gaussian_samples import has_samples, model_of, scene_samples  # noqa: E402
 from tests.vectors.good_vectors import Vector, good_vectors  # noqa: E402
 from tests.vectors.readme import readme  # noqa: E402
+from tests.vectors.released_scenes import SCENES  # noqa: E402
 from tests.vectors.symbols import camera_fingerprint, decode_detail_symbols, decode_symbols, fingerprint  # noqa: E402
 from tests.vectors.tiny_model import VECTORS  # noqa: E402
 
 CHANGELOG = ROOT / "CHANGELOG.md"
 EXPECTED = "expected.json"
-SCENE_BREAKS = "one that was tried on small models only"
 
 
 def main() -> int:
@@ -67,18 +66,15 @@ def make_all(changelog: str) -> dict[str, bytes]:
 
 
 def released_scenes() -> dict[str, Vector]:
-    """Return the scenes of released models; encodes a scene for the default model if there is none."""
+    """Return the scenes of released models; encodes those of the default model that there are not."""
     released = {model_id_of(path.read_bytes()) for path in SHIPPED.glob(f"*/{RECEIVER_FILE}")}
-    kept = {path: path.read_bytes() for path in sorted(VECTORS.glob("valid/scene-*.fcs"))}
-    found = {
-        path.relative_to(VECTORS).as_posix(): Vector(data, SCENE_BREAKS)
-        for path, data in kept.items()
-        if read_stream(data).header.model_id in released
-    }
-    if f"valid/scene-{DEFAULT_MODEL}.fcs" not in found:
-        data = encode(read_views(ROOT / "examples" / "motorcycle", size=(128, 192)), lmbda=1e-3)
-        found[f"valid/scene-{DEFAULT_MODEL}.fcs"] = Vector(data, SCENE_BREAKS)
-    return found
+    here = {path.stem: path.read_bytes() for path in sorted(VECTORS.glob("valid/scene-*.fcs"))}
+    kept = {name: data for name, data in here.items() if read_stream(data).header.model_id in released}
+    missing = {f"scene-{DEFAULT_MODEL}{kind}": scene for kind, scene in SCENES.items()}
+    data_of = {name: scene.stream() for name, scene in missing.items() if name not in kept} | kept
+    kinds = sorted(SCENES, key=len, reverse=True)
+    breaks = {name: SCENES[next(kind for kind in kinds if name.endswith(kind))].breaks for name in data_of}
+    return {f"valid/{name}.fcs": Vector(data, breaks[name]) for name, data in data_of.items()}
 
 
 def samples_of(name: str, data: bytes) -> bytes:

@@ -21,8 +21,12 @@ must find:
 | `rule` | of a faulty stream: that of FORMAT.md, section 12, or ENTROPY.md, section 9 |
 | `says` | what the product's message contains |
 
-Fingerprints of values are the first 16 hexadecimal digits of their SHA-256. `valid/*.f32` hold every sixteenth
-Gaussian of their stream, which other machines must come close to (FORMAT.md, section 15).
+Fingerprints of values are the first 16 hexadecimal digits of their SHA-256.
+
+`valid/*.f32` hold the first Gaussian that FORMAT.md, section 9.1, makes of their stream, and every sixteenth after it.
+Other machines must come close to them (FORMAT.md, section 15). A row has 23 little-endian float32 values, or 38 in
+`paper.f32`: centre, three standard deviations, rotation, opacity, then red, green and blue of each coefficient.
+Coefficients that a stream does not have are 0. A Gaussian more or less shifts all later rows.
 """
 
 

@@ -51,9 +51,10 @@ def _receiver_file(model_id: bytes) -> Path:
 
 
 @cache
-def detail_tables_of(model_id: bytes) -> UInt8[np.ndarray, "plane 16"]:
-    """Return the tables of detail of a model that has detail. Raises ModelError if there is no model with this id."""
-    return load(weights_of(model_id))["detail.tables"].numpy()
+def detail_tables_of(model_id: bytes) -> UInt8[np.ndarray, "plane 16"] | None:
+    """Return the tables of detail; None for a model without it. Raises ModelError if there is no model with this id."""
+    tables = load(weights_of(model_id)).get("detail.tables")
+    return None if tables is None else tables.numpy()
 
 
 def decode_symbols(stream: Stream) -> list[StageValues]:
@@ -74,7 +75,9 @@ def decode_detail_symbols(stream: Stream) -> Int32[np.ndarray, "plane view row c
     """Decode detail; None if the stream has none. Raises BitstreamError for a payload that is not valid."""
     if stream.detail is None:
         return None
-    return decode_detail(detail_tables_of(stream.header.model_id), stream.detail.payload, detail_size(stream.header))
+    tables = detail_tables_of(stream.header.model_id)
+    assert tables is not None
+    return decode_detail(tables, stream.detail.payload, detail_size(stream.header))
 
 
 def _q8(values: Tensor) -> np.ndarray:

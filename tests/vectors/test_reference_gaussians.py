@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from fecocodec.checkpoint import DEFAULT_MODEL
 from fecocodec.coding.camera_packing import unpack
 from fecocodec.container import read_stream
 from fecocodec.receiver.decode import decode
@@ -11,6 +12,7 @@ from tests.vectors.gaussian_samples import EVERY, PAPER_STREAM, like_samples, mo
 from tests.vectors.tiny_model import VECTORS
 
 SCENES = sorted(VECTORS.glob("valid/scene-*.fcs"))
+PAIR = VECTORS / "valid" / f"scene-{DEFAULT_MODEL}.fcs"
 
 
 @pytest.mark.parametrize("path", [*SCENES, VECTORS / PAPER_STREAM], ids=lambda path: path.stem)
@@ -29,23 +31,23 @@ def test_the_specification_bounds_everything_that_is_measured(kind: str) -> None
 
 
 def test_the_same_gaussians_are_matched() -> None:
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    data = PAIR.read_bytes()
+    rows = read_samples(PAIR.with_suffix(".f32"))
     fewer = torch.cat((rows[:10], rows[11:300], rows[301:]))
     one, other = matched(data, rows, fewer)
     assert torch.equal(one, other) and torch.equal(other, fewer)
     one, other = matched(data, fewer, rows)
     assert torch.equal(one, fewer) and torch.equal(other, fewer)
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    data = PAIR.read_bytes()
+    rows = read_samples(PAIR.with_suffix(".f32"))
     here, there = torch.cat((rows[:10], rows[11:])), torch.cat((rows[:300], rows[301:]))
     one, other = matched(data, here, there)
     assert torch.equal(one, other) and len(one) == len(rows) - 2
 
 
 def test_what_moved_is_noticed_but_for_one_colour_of_a_thousand() -> None:
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    data = PAIR.read_bytes()
+    rows = read_samples(PAIR.with_suffix(".f32"))
     moved = rows.clone()
     moved[7, :3] *= 1.1
     moved[:, 11:14] += 0.05
@@ -56,8 +58,8 @@ def test_what_moved_is_noticed_but_for_one_colour_of_a_thousand() -> None:
     leaning = rows.clone()
     leaning[:, 14:] += 0.1
     assert without_rendering(data, rows, leaning).colour_rms > 0.01
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32")).repeat(2, 1)
+    data = PAIR.read_bytes()
+    rows = read_samples(PAIR.with_suffix(".f32")).repeat(2, 1)
     assert 1000 <= len(rows) < 2000
     other = rows.clone()
     other[7, 11:] += 0.1
@@ -68,8 +70,8 @@ def test_what_moved_is_noticed_but_for_one_colour_of_a_thousand() -> None:
 
 @pytest.mark.parametrize("depth", [10.0, 1000.0])
 def test_rounding_of_inverse_depth_is_the_same_at_all_depths(depth: float) -> None:
-    data = SCENES[0].read_bytes()
-    rows = read_samples(SCENES[0].with_suffix(".f32"))
+    data = PAIR.read_bytes()
+    rows = read_samples(PAIR.with_suffix(".f32"))
     cameras = unpack(read_stream(data).cameras)
     centre, forward = cameras.extrinsics[0, :3, 3].double(), cameras.extrinsics[0, :3, 2].double()
     tables = []
