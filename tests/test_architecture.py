@@ -37,7 +37,7 @@ HOME_OF_LIBRARY = {
         "fecocodec/training/",
     ),
     "safetensors": ("fecocodec/checkpoint.py",),
-    "onnxruntime": ("fecocodec/runtime/graphs.py",),
+    "onnxruntime": ("fecocodec/runtime/graphs.py", "bitstream_spec/read_gaussians.py"),
     "onnx": ("fecocodec/training/graphs/",),
     "onnxscript": ("fecocodec/training/graphs/",),
     "dask": ("fecocodec/batch/cluster.py",),
