@@ -102,18 +102,24 @@ def view_indices(
     photographs: list[PosedPhotograph], chosen: tuple[int | str, ...], folder: Path, option: str = "views"
 ) -> list[int]:
     """Return the indices of the chosen photographs, see `choose_views`. option: that messages name."""
-    indices = [_find_view(photographs, view, folder, option) for view in chosen]
+    named = [Path(photograph.name.replace("\\", "/")) for photograph in photographs]
+    return indices_of([photograph.path for photograph in photographs], named, chosen, folder, option)
+
+
+def indices_of(
+    paths: list[Path], named: list[Path], chosen: tuple[int | str, ...], folder: Path, option: str
+) -> list[int]:
+    """Return the indices of the chosen photographs. named: what a camera file calls them. Raises InputError."""
+    indices = [_find_view(paths, named, view, folder, option) for view in chosen]
     for index in indices:
         if indices.count(index) > 1:
-            name = photographs[index].path.name
+            name = paths[index].name
             raise InputError(f"{folder}: view {name} is chosen twice; name each view once in `{option}`.")
     return indices
 
 
-def _find_view(photographs: list[PosedPhotograph], view: int | str, folder: Path, option: str) -> int:
-    paths = [photograph.path for photograph in photographs]
+def _find_view(paths: list[Path], named: list[Path], view: int | str, folder: Path, option: str) -> int:
     if isinstance(view, str):
-        named = [Path(photograph.name.replace("\\", "/")) for photograph in photographs]
         found = [index for index, path in enumerate(paths) if _is_called(path, view)]
         found = found or [index for index, path in enumerate(named) if _is_called(path, view)]
         found = found or [index for index, path in enumerate(paths) if _is_called(path, view, similar_key)]

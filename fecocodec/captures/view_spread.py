@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from fecocodec.camera_files.posed_photographs import PosedPhotographs, known_pinhole
+from fecocodec.captures.view_selection import Selection, Spread
 from fecocodec.errors import InputError
 from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.geometry.frustum_overlap import LEAST_BASELINE, NEIGHBOUR_OVERLAP, covisibility_estimate
@@ -56,6 +58,23 @@ def require_count(count: int, available: int) -> None:
         )
     if count > MAX_VIEWS:
         raise InputError(f"{count} views asked for, but at most {MAX_VIEWS} can be used; change `views`.")
+
+
+def spare_for_checks(
+    count: int, views: Selection | None, num_checks: int | None, folder: Path, *, is_named: bool
+) -> int:
+    """Return how many of `count` photographs can be left for checks. Raises InputError if more are asked for.
+
+    views: that are asked for. num_checks: that are asked for, None for any number. is_named: whether photographs beside
+    these are named, to be coded.
+    """
+    needed = 0 if is_named else views.count if isinstance(views, Spread) else 2
+    spare = max(0, count - needed)
+    if num_checks is not None and num_checks > spare:
+        raise InputError(
+            f"{folder}: {num_checks} checks asked for, but {spare} photographs can be left for them; change `checks`."
+        )
+    return spare
 
 
 def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[int]:

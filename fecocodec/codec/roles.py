@@ -27,6 +27,7 @@ from fecocodec.captures.view_spread import (
     overlapping_views,
     overlaps_among,
     require_count,
+    spare_for_checks,
     spread_over,
     spread_views,
     with_neighbours,
@@ -140,12 +141,7 @@ def _roles(
         unused = [index for index in usable if index not in context]
         return Roles(context, [], [], {NO_GUIDES: unused} if unused else {}, omissions)
     overlap, baseline = near, _ = overlaps_among(scene, [*named, *taught, *usable])
-    needed = 0 if named else views.count if isinstance(views, Spread) else 2
-    spare = max(0, len(usable) - needed)
-    if num_checks is not None and num_checks > spare:
-        raise InputError(
-            f"{folder}: {num_checks} checks asked for, but {spare} photographs can be left for them; change `checks`."
-        )
+    spare = spare_for_checks(len(usable), views, num_checks, folder, is_named=bool(named))
     candidates = within_reach(near, usable, named) if named else with_neighbours(near, usable)
     checks = spread_over(near, candidates, min(wanted, spare))
     rest, usable = ([index for index in indices if index not in checks] for indices in (rest, usable))

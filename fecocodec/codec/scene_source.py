@@ -10,10 +10,12 @@ from fecocodec.atomic import temporary_folder
 from fecocodec.camera_files.find import has_cameras, read_cameras
 from fecocodec.camera_files.unused_cameras import earlier_estimate_notes, unread_cameras_notes
 from fecocodec.captures.reading_notes import picture_remarks
-from fecocodec.captures.view_selection import Guides, Selection
+from fecocodec.captures.view_choice import indices_of
+from fecocodec.captures.view_selection import Guides, Selection, Spread
+from fecocodec.captures.view_spread import require_count, spare_for_checks
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.options import DEFAULT_FRAMES, EncodingOptions
-from fecocodec.errors import InputError, OptionError, one_sentence
+from fecocodec.errors import InputError, OptionError, error_context, one_sentence
 from fecocodec.photographs.video_frames import is_video, write_sharp_frames
 
 
@@ -76,7 +78,9 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
             count = options.num_frames or DEFAULT_FRAMES
             of_video, warnings = write_sharp_frames(path, photographs, count, is_most=options.num_frames is None)
         threads, is_masked = options.num_threads, options.masks != "unused"
-        names = [photograph.name for photograph in find_photographs(photographs)]
+        files = find_photographs(photographs)
+        names = [file.name for file in files]
+        _require_possible(files, options, path)
         cameras = posed_folder(photographs, threads, str(path), options.focal_px, has_masks=is_masked)
         try:
             posed = stack.enter_context(cameras)
@@ -101,6 +105,18 @@ def scene_source(path: Path, options: EncodingOptions) -> Iterator[SceneSource]:
 
         save = save_beside if is_video(path) else posed.save_cameras
         yield SceneSource(posed.path, notes, posed.omissions, warnings, save, has_camera)
+
+
+def _require_possible(files: list[Path], options: EncodingOptions, path: Path) -> None:
+    """Raise InputError for a choice that no estimate of cameras makes possible: estimating them takes minutes."""
+    for option, chosen in (("views", options.views), ("guides", options.guides)):
+        if isinstance(chosen, tuple):
+            indices_of(files, files, chosen, path, option)
+    named = options.views if isinstance(options.views, tuple) else ()
+    if isinstance(options.views, Spread):
+        with error_context(path):
+            require_count(options.views.count, len(files))
+    spare_for_checks(len(files) - len(named), options.views, options.num_checks, path, is_named=bool(named))
 
 
 def _videos_note(folder: Path) -> list[str]:

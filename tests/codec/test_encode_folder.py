@@ -168,6 +168,24 @@ def test_an_unknown_effort_is_refused_before_pixels_are_read(folder: Path, tmp_p
         encode_folder(broken, EncodingOptions(effort="good"))
 
 
+def test_a_choice_that_cannot_be_is_refused_before_cameras_are_estimated(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_cameras = Path(shutil.copytree(folder, tmp_path / "scene"))
+    (without_cameras / "transforms.json").unlink()
+    monkeypatch.setattr("fecocodec.poses.posed_folder.posed_folder", lambda *_args, **_options: pytest.fail("too late"))
+    count = len(list(without_cameras.rglob("*.png")))
+    for options, sentence in (
+        (EncodingOptions(views=Spread(count + 1)), f"{count + 1} views asked for, but the folder has {count}; "),
+        (EncodingOptions(num_checks=20), f"20 checks asked for, but {count - 2} photographs can be left for them; "),
+        (EncodingOptions(views=("none.png",)), "no view is called none.png "),
+        (EncodingOptions(guides=(99,)), "there is no view 99; "),
+    ):
+        with pytest.raises(InputError) as refused:
+            encode_folder(without_cameras, options)
+        assert str(refused.value).startswith(f"{without_cameras}: {sentence}")
+
+
 @pytest.fixture(scope="module")
 def seven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("seven") / "scene"
