@@ -21,9 +21,9 @@ from fecocodec.sender.detail_steps import find_detail
 from fecocodec.sender.fading import LEAST_VIEWS, MAX_PIXELS, fader, fading_of
 from fecocodec.sender.far_regions import far_factor, seen_through, with_far_regions
 from fecocodec.sender.guide_check import check_guides, confirmed_guides, reason_of
-from fecocodec.sender.lambda_roles import lambda_of_latents
+from fecocodec.sender.lambda_roles import is_taught, lambda_of_latents
 from fecocodec.sender.latent_optimisation import optimiser
-from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort, steps_of_first
+from fecocodec.sender.optimisation_config import DEFAULT, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import Scene, prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import NO_IMPROVEMENTS, Improvements, Stage, WrittenLatent, estimate_bits, write_latents
@@ -189,12 +189,14 @@ def improvements_of(encoder: SceneEncoder, config: OptimisationConfig, lambda_q:
     """Return the optimisation of latents, and fading, if the model's method has them. Without steps nothing fades."""
     if not encoder.codec.receiver.config.kind.has_steps:
         return NO_IMPROVEMENTS
-    latent = optimiser(encoder, config, estimate_bits(encoder.codec), lambda_q)
+    num_guides = 0 if encoder.guides is None else encoder.guides.count
+    are_taught = is_taught(encoder.num_views, num_guides)
+    num_steps = config.steps_of_stages(encoder.num_pixels, lambda_q, is_taught=are_taught)
+    latent = optimiser(encoder, config, estimate_bits(encoder.codec), num_steps)
     of_scene = encoder.images[0], encoder.cameras.scene(0), encoder.background, encoder.ignored, encoder.guides
     is_faded = faded_views(encoder) if config.num_steps > 0 else None
-    num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
     fade = None if is_faded is None else fader(*of_scene, is_faded)
-    return Improvements(latent, fade, (steps_of_first(num_steps), num_steps))
+    return Improvements(latent, fade, num_steps)
 
 
 def faded_views(encoder: SceneEncoder) -> Bool[Tensor, " view"] | None:

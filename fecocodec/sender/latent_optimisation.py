@@ -19,7 +19,7 @@ from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.lambda_roles import price_of_rate
-from fecocodec.sender.optimisation_config import OptimisationConfig, steps_of_first
+from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.references import References
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import EstimatedLatent, LatentCoder, Optimise, StageInputs
@@ -69,16 +69,18 @@ class HeldViews:
 
 
 def optimiser(
-    encoder: SceneEncoder, config: OptimisationConfig, estimate: LatentCoder[EstimatedLatent], lambda_q: int
+    encoder: SceneEncoder,
+    config: OptimisationConfig,
+    estimate: LatentCoder[EstimatedLatent],
+    num_steps: tuple[int, int],
 ) -> Optimise:
-    """Return the `optimise` argument of `SceneEncoder.run` for one scene whose last stage is coded at `lambda_q`.
+    """Return the `optimise` argument of `SceneEncoder.run` for one scene.
 
-    estimate: differentiable coder, (y, inputs) -> y_hat and bits.
+    estimate: differentiable coder, (y, inputs) -> y_hat and bits. num_steps: as in `Improvements`.
     """
-    num_steps = config.steps_of_last(encoder.num_pixels, lambda_q)
 
     def optimise(y: Tensor, features: Tensor, inputs: StageInputs, progress: Progress) -> Tensor:
-        steps = num_steps if inputs.is_last else steps_of_first(num_steps)
+        steps = num_steps[inputs.is_last]
         if steps == 0:
             return y
         propose = proposer(encoder, features, inputs, config.sharpness)

@@ -11,7 +11,7 @@ from fecocodec.sender.lambda_roles import DETAIL_LAMBDA_Q, MANY_VIEWS, decades_b
 class OptimisationConfig:
     """Numbers of steps, and the objective. Pixels are counted over all context views on the coding grid.
 
-    num_steps: number of steps for the last stage; stage 1 of two gets half of them plus one. extra_step_below: one step
+    num_steps: number of steps for the last stage; see `steps_of_stages` for stage 1 of two. extra_step_below: one step
     is added for each of these values that exceeds the quantised lambda. extra_step_above: one step is added for each of
     these values that the quantised lambda exceeds, unless the scene has more than `large_pixels`. num_steps_large:
     replaces `num_steps` for these. max_pixels: larger scenes get no steps: gradients at this size take encoding
@@ -57,6 +57,14 @@ class OptimisationConfig:
             num_steps = self.num_steps + sum(lambda_q > bound for bound in self.extra_step_above)
         return num_steps + sum(lambda_q < bound for bound in self.extra_step_below)
 
+    def steps_of_stages(self, num_pixels: int, lambda_q: int, *, is_taught: bool) -> tuple[int, int]:
+        """Return the numbers of steps of stage 1 of two, and of the last stage. is_taught: see `lambda_roles`.
+
+        Stage 2 corrects what stage 1 leaves. Where guides show what it should be, stage 1 needs a single step.
+        """
+        last = self.steps_of_last(num_pixels, lambda_q)
+        return (1, last + 1) if is_taught and last > 0 else (steps_of_first(last), last)
+
     def detail_steps_of(self, num_views: int, num_pixels: int, lambda_q: int) -> int:
         """Return the number of steps of the detail layer; 0 for none. Other arguments as for `steps_of_last`."""
         has_many = num_views >= MANY_VIEWS
@@ -94,5 +102,5 @@ def config_of_effort(effort: "str | OptimisationConfig", sharpness: float = 0.0)
 
 
 def steps_of_first(num_steps: int) -> int:
-    """Return the number of steps of stage 1 if stage 2 has `num_steps`. Stage 2 corrects the remaining errors."""
+    """Return the number of steps of stage 1, without guides, if stage 2 has `num_steps`."""
     return min(num_steps, num_steps // 2 + 1)

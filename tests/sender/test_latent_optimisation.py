@@ -84,6 +84,9 @@ def test_efforts_have_names_and_as_many_steps_as_the_size_allows() -> None:
     assert [BEST.steps_of_last(size, quantise_lambda(1e-2)) for size in sizes] == [16, 6, 0]
     assert [FAST.steps_of_last(size, 0) for size in sizes] == [0, 0, 0]
     assert [DEFAULT.with_steps(9).steps_of_last(size, 0) for size in sizes] == [9, 9, 0]
+    assert DEFAULT.steps_of_stages(small, COARSE_LAMBDA_Q, is_taught=False) == (3, 4)
+    assert DEFAULT.steps_of_stages(small, COARSE_LAMBDA_Q, is_taught=True) == (1, 5)
+    assert FAST.steps_of_stages(small, COARSE_LAMBDA_Q, is_taught=True) == (0, 0)
 
 
 def test_many_steps_hold_the_views_between_and_few_do_not(

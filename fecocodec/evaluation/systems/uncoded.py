@@ -46,7 +46,8 @@ def uncoded(codec: Codec, views: Views, config: OptimisationConfig) -> Uncoded:
     """
     scene = prepare_scene(views, codec.device)
     encoder = SceneEncoder.of(codec, scene)
-    improve = Improvements(optimiser(encoder, config, without_coding, FINEST_LAMBDA_Q))
+    num_steps = config.steps_of_stages(encoder.num_pixels, FINEST_LAMBDA_Q, is_taught=False)
+    improve = Improvements(optimiser(encoder, config, without_coding, num_steps))
     last = encoder.run(torch.tensor([FINEST_LAMBDA_Q]), 2, without_coding, improve)[-1]
     return Uncoded(State(last.state, last.inputs.condition), scene.packed, encoder.is_filled)
 
