@@ -19,7 +19,7 @@ from einops import rearrange
 from kornia.feature import DISK
 from torch import Tensor
 
-from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.checkpoint import DEFAULT_MODEL, RECEIVER_FILE, SHIPPED
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.codec import adapted_sender
 from fecocodec.training.configurations import RunSettings, configuration_named
@@ -60,7 +60,7 @@ def train_sender(extractor: DiskExtractor, scenes: Path, out: Path, minutes: flo
     trainer.start_from(model)
     for row in train(trainer):
         print(f"step {row['step']:.0f}  loss {row['loss']:.4g}")
-    export_networks(trainer.checkpoint, out, trainer.receiver, trainer.sender)
+    export_networks(trainer.checkpoint, out, trainer.receiver, trainer.sender, receiver_file=model / RECEIVER_FILE)
 
 
 def main() -> None:
