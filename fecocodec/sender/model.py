@@ -73,7 +73,10 @@ class PictureFeedbackExtractor(FeedbackExtractor):
 
 
 def _adapted(config: AdaptedSenderConfig, channels: int) -> nn.Module:
-    raise ModelError(f"extractor {config.extractor}: its own network is needed too; use `load_adapted_sender`.")
+    raise ModelError(
+        f"extractor {config.extractor}: its own network is needed too; encode and evaluate in Python, as "
+        '"Larger extractors" in docs/paper_profile.md shows.'
+    )
 
 
 EXTRACTORS: dict[type[CodecConfig], Build] = {
