@@ -19,7 +19,7 @@ MINUTES ?= 60
 TUNED := GOMP_SPINCOUNT=10000 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_ARENA_MAX=1 MALLOC_TRIM_THRESHOLD_=268435456
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper bench-systems report stress train web web-test web-bench check clean
+.PHONY: help demo test test-slow lint types arch vectors graphs fuzz conformance conformance-cuda bench bench-paper bench-systems report stress train web web-test web-bench check clean scenes-given photographs-given
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*?## ' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*?## "} {printf "  make %-16s %s\n", $$1, $$2}'
@@ -90,16 +90,21 @@ bench-paper: $(READY) ## measure time and memory of the paper's sender
 bench-systems: $(READY) ## parameters, time and memory of every system, beside the paper's Table 1
 	$(TUNED) $(BIN)/python benchmarks/system_costs.py
 
-report: $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
-	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make report ROOT=folder INDEX=index.json" >&2; exit 1; }
+# What commands read exists, before the environment is made.
+scenes-given:
+	@test -d "$(ROOT)" || { echo "ROOT=$(ROOT): no such folder of scenes; write make $(MAKECMDGOALS) ROOT=folder INDEX=index.json." >&2; exit 1; }
+	@test -f "$(INDEX)" || { echo "INDEX=$(INDEX): no such file; write make $(MAKECMDGOALS) ROOT=folder INDEX=index.json." >&2; exit 1; }
+
+photographs-given:
+	@test -d "$(PHOTOGRAPHS)" || { echo "PHOTOGRAPHS=$(PHOTOGRAPHS): no such folder of posed scenes; write make train PHOTOGRAPHS=folder." >&2; exit 1; }
+
+report: scenes-given $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	$(TUNED) $(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)
 
-stress: $(READY) ## hard inputs against their rules, into out/stress: make stress ROOT=scenes INDEX=index.json
-	@test -n "$(ROOT)" -a -n "$(INDEX)" || { echo "name scenes with target views: make stress ROOT=folder INDEX=index.json" >&2; exit 1; }
+stress: scenes-given $(READY) ## hard inputs against their rules, into out/stress: make stress ROOT=scenes INDEX=index.json
 	$(BIN)/fecosplat stress "$(ROOT)" --index "$(INDEX)" -o out/stress
 
-train: $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
-	@test -n "$(PHOTOGRAPHS)" || { echo "name a folder of posed scenes: make train PHOTOGRAPHS=folder" >&2; exit 1; }
+train: photographs-given $(READY) ## train on from the shipped weights: make train PHOTOGRAPHS=scenes [RUN=runs/next] [MINUTES=60]
 	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 nice -n 10 $(BIN)/python -m torch.distributed.run --nproc-per-node 2 -m fecosplat_cli train $(RUN) \
 	  --from fecocodec/weights/$(MODEL) --photographs $(PHOTOGRAPHS) --steps 2000 \
 	  --one-stage-steps 0 --bypass-steps 0 --photograph-share 0.75 0.75 --depth-weight 0.3 0.3 --learning-rate 2e-4 \

@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.errors import FecoError
 from fecocodec.evaluation.report.make import make_report
 from fecocodec.evaluation.report.section import ReportPlan, quick
 
@@ -32,10 +33,13 @@ def main() -> None:
         arguments.root, arguments.index, arguments.model, arguments.work, arguments.output, arguments.entries
     )
     begin = perf_counter()
-    failures = make_report(
-        quick(plan) if arguments.quick else plan,
-        lambda study: print(f"{perf_counter() - begin:7.1f} s  {study}", flush=True),
-    )
+    try:
+        failures = make_report(
+            quick(plan) if arguments.quick else plan,
+            lambda study: print(f"{perf_counter() - begin:7.1f} s  {study}", flush=True),
+        )
+    except FecoError as error:
+        raise SystemExit(f"{error}") from error
     print(f"{perf_counter() - begin:7.1f} s  done: {plan.output / 'report.md'}")
     if failures:
         raise SystemExit("\n".join(failures))

@@ -191,3 +191,13 @@ def test_seconds_of_a_step_that_comes_again_add_up(monkeypatch: pytest.MonkeyPat
         clock(task, 0.0)
     clock.close()
     assert clock.seconds == {"start": 1.0, "matching": 2.0 + 4.0, "coding": 3.0}
+
+
+def test_wrong_paths_are_refused_before_anything_is_measured(tmp_path: Path) -> None:
+    index = tmp_path / "index.json"
+    for plan in (
+        ReportPlan(tmp_path / "nowhere", index, tmp_path, tmp_path / "work", tmp_path / "docs"),
+        ReportPlan(tmp_path, index, tmp_path, tmp_path / "work", tmp_path / "docs"),
+    ):
+        with pytest.raises(InputError, match=r"nowhere: there is no such folder|index\.json: cannot be read"):
+            make.make_report(plan, lambda study: pytest.fail(study))

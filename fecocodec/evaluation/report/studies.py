@@ -85,6 +85,8 @@ class Studies:
 
 def measure_studies(plan: ReportPlan, on_study: OnStudy) -> Studies:
     """Run all measurements that `plan.work` does not contain yet. Raises FecoError if nothing can be measured."""
+    open_scenes(plan.root)
+    read_index(plan.index)  # both raise for wrong paths before anything is measured
     codec = load_codec(plan.model, "cpu")
     make_folder(plan.work)
     label = weights_label(plan.model, plan.size)
