@@ -135,8 +135,9 @@ Examples:
 @_model_arguments
 @click.option("--photographs", type=FILE_PATH, required=True, help="Folder with one folder per training scene.")
 @click.option(
-    "--index", type=FILE_PATH, required=True, metavar="FILE.json", help="Pairs of context views of these scenes."
-)
+    "--index", type=FILE_PATH, required=True, metavar="FILE.json",
+    help="Evaluation index of these scenes, as of `eval`: entries of two context views are used, targets are not.",
+)  # fmt: skip
 @click.option(
     "--components", "num_components", type=click.IntRange(1, 224), default=64,
     help="Coefficients of a block of 8x8 pixels.",

@@ -93,6 +93,10 @@ def test_a_verb_has_examples_and_is_named_by_train(fecosplat: CommandLine, verb:
     assert result.code == 0 and result.out.count(f"train {verb} ") >= 3
 
 
+def test_help_says_which_file_names_the_pairs(fecosplat: CommandLine) -> None:
+    assert "Evaluation index of these scenes, as of `eval`" in fecosplat("train", "detail", "--help").out
+
+
 @pytest.mark.parametrize("case", [
     Case(("entropy", "nowhere", "out"), "nowhere: there is no such folder; name the folder of a model."),
     Case(("entropy", "{model}", "{model}"), "{model}: this folder holds a model already; choose another output path."),
