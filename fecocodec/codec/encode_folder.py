@@ -23,7 +23,7 @@ from fecocodec.container import read_header
 from fecocodec.errors import SizeError, error_context
 from fecocodec.input_file import StrPath
 from fecocodec.limits import MAX_VIEWS
-from fecocodec.model_files import is_shipped
+from fecocodec.model_files import is_shipped, model_folder
 from fecocodec.progress import OnProgress, Progress, ignore_progress
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib
 from fecocodec.sender.view_quality import (
@@ -134,10 +134,13 @@ def encode_folder(
     quality: tuple[DecodedQuality, ...] = ()
     of_guides = of_checks = left_out = None
     if options.is_measured or options.is_strict:
+        from fecocodec.sender.codec import load_codec
         from fecocodec.sender.decoded_quality import measure_left_out, measure_with_others
 
         of_measuring("measuring quality")
         device, model = options.device, options.model
+        has_steps = load_codec(model_folder(model), device).receiver.config.kind.has_steps
+        effort = options.effort if has_steps else "best"  # the paper's method has one: no other effort can be advised
         measure = partial(measure_with_others, views=views, others=(guides, checks), device=device, model=model)
         quality, (of_guides, of_checks) = measure(data)
         is_lowered = is_lowered_by_stage_2(quality) and is_lowered_by_stage_2(measure(data, is_merged=False)[0])
@@ -152,9 +155,9 @@ def encode_folder(
         if checks is not None and of_checks is not None:
             is_any_left = guides is not None or len(roles.unused) > 0
             count = len(views.names)
-            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, options.effort), *worst)
+            messages.warn(*new_view_warnings(of_checks, checks.names, count, is_any_left, effort), *worst)
         else:
-            poor = quality_warnings(quality[-1], views.names, options.effort)
+            poor = quality_warnings(quality[-1], views.names, effort)
             if not poor and left_out is not None and is_shipped(read_header(data).header.model_id):
                 poor = left_out_warnings(left_out, views.names)
             messages.warn(*(poor or worst))

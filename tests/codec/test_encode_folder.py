@@ -17,11 +17,15 @@ from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
 from fecocodec.codec.encode_folder import OtherViews
 from fecocodec.codec.messages import of_input
 from fecocodec.codec.scene_source import SceneSource
+from fecocodec.config import PAPER, ReceiverConfig, SenderConfig
 from fecocodec.container import inspect
 from fecocodec.errors import OptionError, SizeError, StrictError
 from fecocodec.evaluation.stress.box_room import Room, look, painted, photograph
 from fecocodec.geometry.views import Views
 from fecocodec.model_files import is_shipped, model_folder
+from fecocodec.receiver.model import Receiver, serialise_receiver
+from fecocodec.sender.model import Sender
+from fecocodec.training.model_weights import write_model
 from tests.example_scenes import MODEL, write_scene, write_views
 
 pytestmark = pytest.mark.usefixtures("found_once")
@@ -98,6 +102,16 @@ def test_poor_new_views_are_foretold_for_shipped_models_alone(
     assert any("new views will be poor" in sentence for sentence in encode_folder(folder, one_stage).warnings)
     shipped = model_id_of((model_folder(None) / RECEIVER_FILE).read_bytes())
     assert is_shipped(shipped) and not is_shipped(bytes(8))
+
+
+def test_no_other_effort_is_advised_for_a_method_of_one_pass(folder: Path, tmp_path: Path) -> None:
+    receiver = Receiver(ReceiverConfig(method=PAPER))
+    data = serialise_receiver(receiver)
+    write_model(tmp_path, data, Sender(SenderConfig(), receiver.config))
+    for effort in ("fast", "default"):
+        report = encode_folder(folder, EncodingOptions(effort=effort, model=tmp_path))
+        (poor,) = (warning for warning in report.warnings if warning.startswith("the decoded views are poor"))
+        assert "worse; use a smaller lambda" in poor and "effort" not in poor
 
 
 def test_strict_raises_the_first_warning_and_measures(folder: Path, options: EncodingOptions) -> None:
