@@ -1,13 +1,16 @@
 """The novel-view protocol: read an entry, encode its context views, decode the bytes, render and measure the rest."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fecocodec.camera_files.camera_names import walk
 from fecocodec.camera_files.chunks import ChunkFolder, is_chunk_folder
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.captures.scene_folder import read_views
@@ -15,6 +18,7 @@ from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views, joined
+from fecocodec.input_file import first_bytes
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.rendering.lpips import is_lpips_there, lpips_vgg
 from fecocodec.rendering.metrics import psnr, ssim
@@ -23,8 +27,7 @@ from fecocodec.rendering.rasterizer import render
 
 PAIR_SIZE = (256, 256)  # (height, width) of the usual two-view protocol
 SEVERAL_SIZE = (256, 448)  # (height, width) of the usual protocol with more views
-
-EntryReader = Callable[[IndexEntry], Views]
+_DIGESTED_BYTES = 1 << 20  # of each file of a scene
 
 
 def protocol_size(num_context: int) -> tuple[int, int]:
@@ -32,25 +35,55 @@ def protocol_size(num_context: int) -> tuple[int, int]:
     return PAIR_SIZE if num_context <= 2 else SEVERAL_SIZE
 
 
-def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
-    """Return a function that reads the views of an entry: context views first, then target views, then guides.
+@dataclass(frozen=True)
+class EntryReader:
+    """Read the views of an entry: context views first, then target views, then guides.
 
-    root: contains one folder per scene (`transforms.json`, COLMAP ...), or chunks in the format of pixelSplat. size:
-    (height, width) in pixels; None for `protocol_size`. Raises InputError if the folder does not exist; the returned
-    function raises it for a scene or frame that cannot be used.
+    root, size: see `open_scenes`. chunks: None where each scene is a folder. Raises InputError for a scene or frame
+    that cannot be used.
     """
-    if not root.is_dir():
-        raise InputError(f"{root}: there is no such folder; give the one that holds the scenes or chunks.")
-    if is_chunk_folder(root):
-        chunks = ChunkFolder(root)
-        return lambda entry: chunks.scene(entry.scene).views(_frames(entry), size=size or _size(entry))
 
-    def read(entry: IndexEntry) -> Views:
-        folder, frames, shape = _folder(root, entry), _frames(entry), size or _size(entry)
+    root: Path
+    size: tuple[int, int] | None
+    chunks: ChunkFolder | None
+
+    def __call__(self, entry: IndexEntry) -> Views:
+        frames, shape = _frames(entry), self.size or protocol_size(len(entry.context))
+        if self.chunks is not None:
+            return self.chunks.scene(entry.scene).views(frames, size=shape)
+        folder = _folder(self.root, entry)
         parts = [frames[start : start + MAX_VIEWS] for start in range(0, len(frames), MAX_VIEWS)]
         return joined([read_views(folder, views=part, size=shape, background="white") for part in parts])
 
-    return read
+    def digest(self, entry: IndexEntry) -> str:
+        """Return a digest of the entry's frames, and of their photographs and cameras in chunks, or else of all files
+        in the folder of the scene: their names, sizes and first _DIGESTED_BYTES.
+        """
+        digest = sha256(repr((entry.context, entry.target, entry.guide)).encode())
+        if self.chunks is not None:
+            scene = self.chunks.scene(entry.scene)
+            frames = [frame for frame in _frames(entry) if frame < len(scene)]
+            arrays = [scene.encoded[frame].numpy() for frame in frames]
+            arrays += [cameras[frames].astype(np.float32) for cameras in (scene.extrinsics, scene.intrinsics)]
+            for array in arrays:
+                digest.update(array.tobytes())
+        else:
+            folder = _folder(self.root, entry)
+            for path in filter(Path.is_file, walk(folder)):
+                digest.update(repr((path.relative_to(folder).as_posix(), path.stat().st_size)).encode())
+                digest.update(first_bytes(path, _DIGESTED_BYTES))
+        return digest.hexdigest()[:16]
+
+
+def open_scenes(root: Path, size: tuple[int, int] | None = None) -> EntryReader:
+    """Return the reader of the entries of a folder of scenes.
+
+    root: contains one folder per scene (`transforms.json`, COLMAP ...), or chunks in the format of pixelSplat. size:
+    (height, width) in pixels; None for `protocol_size`. Raises InputError if the folder does not exist.
+    """
+    if not root.is_dir():
+        raise InputError(f"{root}: there is no such folder; give the one that holds the scenes or chunks.")
+    return EntryReader(root, size, ChunkFolder(root) if is_chunk_folder(root) else None)
 
 
 def _frames(entry: IndexEntry) -> tuple[int, ...]:
@@ -64,10 +97,6 @@ def without_guides(views: Views, entry: IndexEntry) -> tuple[Views, Views | None
     if not entry.guide:
         return views, None
     return views.select(list(range(count))), views.select(list(range(count, len(views.images))))
-
-
-def _size(entry: IndexEntry) -> tuple[int, int]:
-    return protocol_size(len(entry.context))
 
 
 def _folder(root: Path, entry: IndexEntry) -> Path:

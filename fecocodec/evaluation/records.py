@@ -8,21 +8,25 @@ from typing import Any
 
 from fecocodec.errors import InputError, OutputError
 
+Key = tuple[str, str, str, str, str]
+
 
 @dataclass(frozen=True)
 class Measurement:
     """Result of one system on one entry. Metrics are means over the target views; `context_psnr` over context views.
 
-    setting: operating point, see `System`. model: label of the weights. bits_per_pixel: bits of the whole file per
-    pixel of the context views. peak_mib: peak resident memory of the process during the measurement, None if the system
-    does not report it. error: message if the measurement failed, in which case the other values are not set.
-    num_guides: photographs that the sender learned from.
+    setting: operating point, see `System`. model: label of the weights. inputs: `EntryReader.digest`; empty in records
+    of earlier versions, which are measured again. bits_per_pixel: bits of the whole file per pixel of the context
+    views. peak_mib: peak resident memory of the process during the measurement, None if the system does not report it.
+    error: message if the measurement failed, in which case the other values are not set. num_guides: photographs that
+    the sender learned from.
     """
 
     entry: str
     system: str
     setting: str
     model: str
+    inputs: str = ""
     num_context: int = 0
     height: int = 0
     width: int = 0
@@ -44,9 +48,9 @@ class Measurement:
     num_guides: int = 0
 
     @property
-    def key(self) -> tuple[str, str, str, str]:
-        """Identity of the measurement: (entry, system, setting, model)."""
-        return self.entry, self.system, self.setting, self.model
+    def key(self) -> Key:
+        """Identity of the measurement: (entry, system, setting, model, inputs)."""
+        return self.entry, self.system, self.setting, self.model, self.inputs
 
 
 class RecordFile:
@@ -55,12 +59,12 @@ class RecordFile:
     def __init__(self, path: Path, others: Sequence[Path] = ()) -> None:
         """Read the file, if it exists, after `others`, which are never written. Raises InputError for other content."""
         self.path = path
-        self.measurements: dict[tuple[str, str, str, str], Measurement] = {}
+        self.measurements: dict[Key, Measurement] = {}
         for known in (*others, path):
             for measurement in _read(known) if known.exists() else ():
                 self.measurements[measurement.key] = measurement
 
-    def is_known(self, key: tuple[str, str, str, str]) -> bool:
+    def is_known(self, key: Key) -> bool:
         """Return whether there is a measurement with this key and without an error."""
         known = self.measurements.get(key)
         return known is not None and not known.error

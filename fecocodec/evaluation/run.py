@@ -13,7 +13,7 @@ from fecocodec.errors import FecoError
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.machine import forget_peak, peak_mib
 from fecocodec.evaluation.novel_views import EntryReader, without_guides
-from fecocodec.evaluation.records import Measurement, RecordFile
+from fecocodec.evaluation.records import Key, Measurement, RecordFile
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
 from fecocodec.rendering.lpips import TRUNKS, is_lpips_there, lpips_alex, lpips_vgg
@@ -72,28 +72,33 @@ def measure_all(
     draw: Draw = draw_nothing,
     device: str = "cpu",
 ) -> Iterator[Measurement]:
-    """Run the measurements that `records` does not contain yet, and yield all measurements.
+    """Run the measurements that `records` does not contain yet for these inputs, and yield all measurements.
 
     read: reads the views of an entry. model: label of the weights, part of the key of a measurement. draw: called after
     each new measurement. device: whose peak memory is measured. A failure is recorded with its error and does not
     affect other measurements.
     """
     for entry in entries:
-        missing = [system for system in systems if not records.is_known(_key(entry, system, model))]
-        yield from (records.measurements[_key(entry, s, model)] for s in systems if s not in missing)
+        try:
+            inputs = read.digest(entry)
+        except FecoError as error:
+            yield from (_failure((entry.name, s.name, s.setting, model, ""), entry, error) for s in systems)
+            continue
+        keys = {(entry.name, system.name, system.setting, model, inputs): system for system in systems}
+        missing = {key: system for key, system in keys.items() if not records.is_known(key)}
+        yield from (records.measurements[key] for key in keys if key not in missing)
         if not missing:
             continue
         try:
             views = read(entry)
         except FecoError as error:
-            for system in missing:
-                yield _recorded(records, _failure(entry, system, model, error))
+            yield from (_recorded(records, _failure(key, entry, error)) for key in missing)
             continue
-        for system in missing:
-            yield _recorded(records, _measure(entry, system, views, model, draw, device))
+        for key, system in missing.items():
+            yield _recorded(records, _measure(key, entry, system, views, draw, device))
 
 
-def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: Draw, device: str) -> Measurement:
+def _measure(key: Key, entry: IndexEntry, system: System, read: Views, draw: Draw, device: str) -> Measurement:
     views, guides = without_guides(read, entry)
     num_context, num_guides = len(entry.context), 0 if system.learn is None else len(entry.guide)
     forget_peak(device)
@@ -106,10 +111,10 @@ def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: D
         of_context = psnr(result.images[:num_context], context.images, context.ignored)
         draw(entry, system, views, result)
     except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # one failure must not stop the evaluation
-        return _failure(entry, system, model, error)
+        return _failure(key, entry, error)
     height, width = views.image_size
     return Measurement(
-        *_key(entry, system, model),
+        *key,
         num_context=num_context,
         num_guides=num_guides,
         height=height,
@@ -125,12 +130,8 @@ def _measure(entry: IndexEntry, system: System, read: Views, model: str, draw: D
     )
 
 
-def _key(entry: IndexEntry, system: System, model: str) -> tuple[str, str, str, str]:
-    return entry.name, system.name, system.setting, model
-
-
-def _failure(entry: IndexEntry, system: System, model: str, error: Exception) -> Measurement:
-    return Measurement(*_key(entry, system, model), num_context=len(entry.context), error=f"{error}" or repr(error))
+def _failure(key: Key, entry: IndexEntry, error: Exception) -> Measurement:
+    return Measurement(*key, num_context=len(entry.context), error=f"{error}" or repr(error))
 
 
 def _recorded(records: RecordFile, measurement: Measurement) -> Measurement:

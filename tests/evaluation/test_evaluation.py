@@ -12,6 +12,7 @@ import pytest
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import InputError
 from fecocodec.evaluation.evaluation import RECORDS, Plan, choose_entries, evaluate_to_folder
+from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.summary import as_tsv, averages, compare
 from tests.chunk_files import write_wall_chunks
@@ -49,6 +50,36 @@ def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_a
     summary = json.loads((plan.output / "summary.json").read_text())
     assert summary["averages"][0]["kib"] == report.averages[0].kib
     assert {"processor", "torch", "date"} <= summary["machine"].keys()
+
+
+def test_other_frames_or_photographs_are_measured_again(plan: Plan) -> None:
+    plan = replace(plan, groups=("trivial",), with_strips=False)
+    write_wall_chunks(plan.root, num_scenes=1, num_frames=4)
+
+    def rows(target: int) -> list[dict]:
+        plan.index.write_text(json.dumps({"wall0": {"context": [0, 2], "target": [target]}}))
+        evaluate_to_folder(plan)
+        return [json.loads(line) for line in (plan.output / RECORDS).read_text().splitlines()]
+
+    first = rows(1)
+    old = [{name: value for name, value in row.items() if name != "inputs"} for row in first]
+    (plan.output / RECORDS).write_text("".join(json.dumps(row) + "\n" for row in old))  # of an earlier version
+    assert rows(1) == rows(1) and [row["inputs"] for row in rows(1)[2:]] == [row["inputs"] for row in first]
+    assert len(rows(3)) == 6 and len(rows(1)) == 6
+    write_wall_chunks(plan.root, num_scenes=1, num_frames=4, fx=90.0)
+    assert len(rows(1)) == 8
+
+
+def test_the_files_of_a_scene_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "scene" / "images").mkdir(parents=True)
+    entry, cameras = IndexEntry("scene/a", "scene", (0, 1), (2,)), tmp_path / "scene" / "transforms.json"
+    read, found = open_scenes(tmp_path), set()
+    for text in ("[1]", "[2]", "[1]"):
+        cameras.write_text(text)
+        found.add(read.digest(entry))
+    (tmp_path / "scene" / "images" / "0.png").write_bytes(b"0")
+    found |= {read.digest(entry), read.digest(replace(entry, guide=(3,)))}
+    assert len(found) == 4
 
 
 def test_guided_systems_need_guides(plan: Plan) -> None:
@@ -106,9 +137,10 @@ def test_other_files_are_no_measurements(tmp_path: Path) -> None:
         records.add(measurement(entry, "fecosplat", "x", 10, 20.0))
     path.write_text(path.read_text()[:-30])
     known = RecordFile(path)
-    assert known.is_known(("a", "fecosplat", "x", "model")) and not known.is_known(("b", "fecosplat", "x", "model"))
+    assert known.is_known(("a", "fecosplat", "x", "model", ""))
+    assert not known.is_known(("b", "fecosplat", "x", "model", ""))
     known.add(measurement("b", "fecosplat", "x", 10, 20.0))
-    assert RecordFile(path).is_known(("b", "fecosplat", "x", "model"))
+    assert RecordFile(path).is_known(("b", "fecosplat", "x", "model", ""))
     path = tmp_path / RECORDS
     path.write_text('{"what": 1}\n{"else": 2}\n')
     with pytest.raises(InputError, match=r"measurements\.jsonl: not measurements of this version .*another output"):
