@@ -4,11 +4,14 @@ import errno
 import json
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from fecocodec.errors import InputError
 
 StrPath = str | os.PathLike[str]
+ObjectOf = Callable[[list[tuple[str, Any]]], object]
 
 MAX_FILE_BYTES = 512 << 20
 MAX_IMAGE_PIXELS = 1 << 26  # 64 megapixels; checked before an image is decoded
@@ -59,11 +62,14 @@ def read_text(path: Path, remedy: str = "check the path") -> str:
         raise InputError(f"{path}: this is not text in UTF-8; {remedy}.") from error
 
 
-def read_json(path: Path, remedy: str = "export it again") -> object:
-    """Return the value in a JSON file. Raises InputError, with line and column, if it is not valid JSON."""
+def read_json(path: Path, remedy: str = "export it again", object_of: ObjectOf | None = None) -> object:
+    """Return the value in a JSON file. Raises InputError, with line and column, if it is not valid JSON.
+
+    object_of: makes an object of its pairs of name and value, in their order; None for a dictionary.
+    """
     text = read_text(path, remedy)
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=object_of)
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}, line {error.lineno}, column {error.colno}: broken JSON ({error.msg}); {remedy}."

@@ -3,15 +3,21 @@
     {"scene": {"context": [58, 133], "target": [84, 102, 129]}, "scene/wide": {..., "guide": [90]}, "skipped": null}
 
 pixelSplat and DepthSplat use this format, without "guide". null marks scenes that are not evaluated; other fields, such
-as "overlap", are ignored. A label after a slash distinguishes several entries of one scene.
+as "overlap", are ignored; names that resemble these are refused. A label after a slash distinguishes several entries of
+one scene.
 """
 
+from collections import Counter
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 from fecocodec.errors import InputError
 from fecocodec.input_file import read_json
+
+PARTS = ("context", "target", "guide")
 
 
 @dataclass(frozen=True)
@@ -27,19 +33,33 @@ class IndexEntry:
 
 def read_index(path: Path) -> tuple[IndexEntry, ...]:
     """Return the entries that are not null, in the order of the file. Raises InputError if the index is not valid."""
-    entries = read_json(path, "check the path, or write the index again")
+    entries = read_json(path, "check the path, or write the index again", partial(_object, path))
     if not isinstance(entries, dict):
         raise InputError(f'{path}: not an evaluation index; write {{"scene": {{"context": [...], "target": [...]}}}}.')
     return tuple(_entry(path, name, value) for name, value in entries.items() if value is not None)
 
 
+def _object(path: Path, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        name = Counter(name for name, _ in pairs).most_common(1)[0][0]
+        raise InputError(f"{path}: the name {name} is there twice; remove one, or name it {name}/second.")
+    return found
+
+
 def _entry(path: Path, name: str, value: object) -> IndexEntry:
-    context, target = ((value.get(part) if isinstance(value, dict) else None) for part in ("context", "target"))
+    fields = value if isinstance(value, dict) else {}
+    context, target, guide = (fields.get(part) for part in PARTS)
+    for other in fields:
+        if other not in PARTS and (meant := get_close_matches(other.lower(), PARTS, 1)):
+            raise InputError(f"{path}, entry {name}: has `{other}`; write `{meant[0]}`, or give it another name.")
     if not _is_frame_list(context) or not _is_frame_list(target):
         raise InputError(f"{path}, entry {name}: `context` and `target` must be lists of frame numbers from 0.")
-    guide = value.get("guide") if isinstance(value, dict) else None
     if guide and (not _is_frame_list(guide) or {*guide} & {*context, *target}):
         raise InputError(f"{path}, entry {name}: `guide` must be a list of frame numbers in neither other list.")
+    frame, count = Counter((*context, *target, *(guide or ()))).most_common(1)[0]
+    if count > 1:
+        raise InputError(f"{path}, entry {name}: frame {frame} is there twice; name each frame once, in one list.")
     return IndexEntry(name, name.split("/")[0], tuple(context), tuple(target), tuple(guide or ()))
 
 

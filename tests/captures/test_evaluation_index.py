@@ -37,6 +37,11 @@ def test_public_indices_are_read(tmp_path: Path) -> None:
         ('{"a": {"context": [1], "target": [2], "guide": 3}}', "entry a: `guide` must be a list of frame numbers"),
         ('{"a": {"context": [1], "target": [2], "guide": [3, 2]}}', "entry a: `guide` .* in neither other list"),
         ('{"a": [1, 2]}', "entry a"),
+        ('{"a": {"context": [1], "target": [2], "guides": [3]}}', "entry a: has `guides`; write `guide`"),
+        ('{"a": {"context": [1], "target": [2], "Guided": [3]}}', "has `Guided`; write `guide`"),
+        ('{"a/b": null, "a/b": {"context": [1], "target": [2]}}', "the name a/b is there twice; remove one"),
+        ('{"a": {"context": [1, 2], "target": [3, 2]}}', "entry a: frame 2 is there twice; name each frame once"),
+        ('{"a": {"context": [1], "target": [2], "guide": [3, 3]}}', "entry a: frame 3 is there twice"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, sentence: str) -> None:
