@@ -32,6 +32,7 @@ def main() -> None:
     arguments = parser.parse_args()
     codec = load_codec(arguments.model, arguments.device)
     entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
+    entries = tuple(e for e in entries if e.guide or not arguments.guided)
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tLPIPS\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:

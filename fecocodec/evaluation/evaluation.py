@@ -130,10 +130,10 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
     records = _records(plan)
     draw = _drawing(plan, lambdas) if plan.with_strips else draw_nothing
     label = weights_label(plan.model, plan.size)
-    found = []
+    found, total = [], sum(bool(entry.guide) or system.learn is None for entry in entries for system in systems)
     for measurement in measure_all(read, entries, systems, records, label, draw, plan.device):
         found.append(measurement)
-        on_measured(measurement, len(found) / (len(entries) * len(systems)))
+        on_measured(measurement, len(found) / total)
     rows = averages(found)
     others = [row for row in external if row.kib and row.psnr is not None]
     report = Report(rows, compare((*rows, *others)), tuple(m for m in found if m.error))

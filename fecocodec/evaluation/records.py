@@ -18,8 +18,8 @@ class Measurement:
     setting: operating point, see `System`. model: label of the weights. inputs: `EntryReader.digest`; empty in records
     of earlier versions, which are measured again. bits_per_pixel: bits of the whole file per pixel of the context
     views. peak_mib: peak resident memory of the process during the measurement, None if the system does not report it.
-    error: message if the measurement failed, in which case the other values are not set. num_guides: photographs that
-    the sender learned from.
+    error: message if the measurement failed, in which case the other values are not set. num_guides: see
+    `Reconstruction`.
     """
 
     entry: str

@@ -76,15 +76,16 @@ def measure_all(
 
     read: reads the views of an entry. model: label of the weights, part of the key of a measurement. draw: called after
     each new measurement. device: whose peak memory is measured. A failure is recorded with its error and does not
-    affect other measurements.
+    affect other measurements. Systems that learn from guides are measured on entries with guides only.
     """
     for entry in entries:
+        measured = [system for system in systems if entry.guide or system.learn is None]
         try:
             inputs = read.digest(entry)
         except FecoError as error:
-            yield from (_failure((entry.name, s.name, s.setting, model, ""), entry, error) for s in systems)
+            yield from (_failure((entry.name, s.name, s.setting, model, ""), entry, error) for s in measured)
             continue
-        keys = {(entry.name, system.name, system.setting, model, inputs): system for system in systems}
+        keys = {(entry.name, system.name, system.setting, model, inputs): system for system in measured}
         missing = {key: system for key, system in keys.items() if not records.is_known(key)}
         yield from (records.measurements[key] for key in keys if key not in missing)
         if not missing:
@@ -100,7 +101,7 @@ def measure_all(
 
 def _measure(key: Key, entry: IndexEntry, system: System, read: Views, draw: Draw, device: str) -> Measurement:
     views, guides = without_guides(read, entry)
-    num_context, num_guides = len(entry.context), 0 if system.learn is None else len(entry.guide)
+    num_context = len(entry.context)
     forget_peak(device)
     try:
         result = system.run(views, num_context, guides)
@@ -116,7 +117,7 @@ def _measure(key: Key, entry: IndexEntry, system: System, read: Views, draw: Dra
     return Measurement(
         *key,
         num_context=num_context,
-        num_guides=num_guides,
+        num_guides=result.num_guides,
         height=height,
         width=width,
         num_bytes=result.num_bytes,

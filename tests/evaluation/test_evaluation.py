@@ -87,6 +87,21 @@ def test_guided_systems_need_guides(plan: Plan) -> None:
         evaluate_to_folder(replace(plan, groups=("guided",)))
 
 
+def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan) -> None:
+    write_wall_chunks(plan.root, num_scenes=2, num_frames=4)
+    without = {"context": [0, 2], "target": [1]}
+    plan.index.write_text(json.dumps({"wall0": without, "wall1": without | {"guide": [3]}}))
+    fractions = []
+    plan = replace(plan, groups=("guided", "trivial"), with_strips=False)
+    report = evaluate_to_folder(plan, lambda _found, fraction: fractions.append(fraction))
+    assert {(row.system, row.entries) for row in report.averages} == {
+        ("fecosplat, guided", 1),
+        ("nearest view", 1),
+        ("best plane", 1),
+    }
+    assert fractions == [n / 5 for n in range(1, 6)]
+
+
 def measurement(entry: str, system: str, setting: str, num_bytes: int, psnr: float) -> Measurement:
     return Measurement(entry, system, setting, "model", num_bytes=num_bytes, psnr=psnr)
 

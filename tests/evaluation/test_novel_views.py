@@ -52,6 +52,14 @@ def test_guides_teach_systems_that_learn_alone(random_weights: Path, monkeypatch
     assert taught == [guides, None]
 
 
+def test_guides_that_are_left_out_do_not_count(random_weights: Path) -> None:
+    codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(4)
+    context, guides = views.select([0, 1, 2]), views.select([1])
+    system = systems.guided_system(codec, 1e-3, effort="fast")
+    wrong = replace(guides, images=1.0 - guides.images)
+    assert [system.run(context, 2, shown).num_guides for shown in (guides, wrong, None)] == [1, 0, 0]
+
+
 def test_pixels_under_masks_do_not_count(random_weights: Path) -> None:
     views = example_views(3)
     ignored = torch.zeros(3, 64, 64, dtype=torch.bool)

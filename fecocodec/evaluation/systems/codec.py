@@ -6,6 +6,7 @@ all stages is measured with the size of their payloads.
 
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 
@@ -56,7 +57,10 @@ def guided_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str =
     encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
 
     def learn(views: Views, num_context: int, guides: Views) -> Reconstruction:
-        return _reconstruct(codec, partial(encoder, guides=guides), views, num_context)
+        omitted: list[str] = []
+        taught = partial(encoder, guides=guides, on_omission=lambda _sentence, names: omitted.extend(names))
+        found = _reconstruct(codec, taught, views, num_context)
+        return replace(found, num_guides=len(guides.names) - len(omitted))
 
     return System(GUIDED, f"lambda {lmbda:g}", partial(_reconstruct, codec, encoder), learn)
 

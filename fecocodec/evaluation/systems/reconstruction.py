@@ -18,7 +18,8 @@ class Reconstruction:
 
     num_bytes: size of all transmitted data, cameras included. encode_seconds, decode_seconds: without rendering.
     gaussians: None if the receiver has none. images: at the cameras of all views, context views first, sRGB in [0, 1].
-    depth: along the optical axis in scene units, 0 where nothing is rendered; None if there is no depth.
+    depth: along the optical axis in scene units, 0 where nothing is rendered; None if there is no depth. num_guides:
+    photographs that the sender learned from; guides that it left out do not count.
     """
 
     num_bytes: int
@@ -27,6 +28,7 @@ class Reconstruction:
     gaussians: Gaussians | None
     images: Float[Tensor, "view 3 height width"]
     depth: Float[Tensor, "view height width"] | None
+    num_guides: int = 0
 
 
 @dataclass(frozen=True)
