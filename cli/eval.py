@@ -151,7 +151,7 @@ def command(
 
 
 def _print_report(report: "Report") -> None:
-    from fecocodec.evaluation.summary import NO_LPIPS
+    from fecocodec.evaluation.summary import LEAST_OVERLAP_DB, NO_LPIPS
 
     def optional(value: float | None) -> str:
         return "" if value is None else f"{value:.3f}"
@@ -180,6 +180,7 @@ def _print_report(report: "Report") -> None:
     if rows and all(row.lpips is None for row in report.averages):
         say(NO_LPIPS)
     for found in report.comparisons:
-        rate = "no common quality" if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
+        rate = f"less than {LEAST_OVERLAP_DB:g} dB of PSNR in common"
+        rate = rate if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
         gain = "no common rate" if found.bd_psnr is None else f"{found.bd_psnr:+.2f} dB at equal bytes"
         say(f"fecosplat against {found.baseline}: {rate}, {gain}")

@@ -1,16 +1,18 @@
 """`fecosplat eval` and `fecosplat stress` refuse before they measure, and name what failed and which rules broke."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from fecocodec.evaluation import run
+from fecocodec.evaluation import evaluation, run
+from fecocodec.evaluation.evaluation import Report
 from fecocodec.evaluation.stress import suite
 from fecocodec.evaluation.stress.suite import Verdict
+from fecocodec.evaluation.summary import Comparison
 from tests.chunk_files import write_wall_chunks
-from tests.cli.conftest import CommandLine
+from tests.cli.conftest import CommandLine, Result
 from tests.example_scenes import MODEL
 
 
@@ -38,6 +40,24 @@ def test_missing_weights_of_a_metric_are_one_sentence(
     )
     assert result.code == 0 and "ST-LPIPS  LPIPS  LPIPS (AlexNet)" in result.out
     assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in result.err
+
+
+@pytest.fixture
+def printed(fecosplat: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Call `eval` on measurements that were made."""
+
+    def call(report: Report, *options: object) -> Result:
+        monkeypatch.setattr(evaluation, "evaluate_to_folder", lambda *_arguments: report)
+        index = tmp_path / "index.json"
+        index.write_text("{}")
+        return fecosplat("eval", tmp_path, "--index", index, "-o", tmp_path / "out", *options)
+
+    return call
+
+
+def test_curves_with_little_in_common_are_not_said_to_have_nothing(printed: Callable[..., Result]) -> None:
+    found = printed(Report((), (Comparison("AVIF", None, -0.5, None),), ()))
+    assert "fecosplat against AVIF: less than 0.5 dB of PSNR in common, -0.50 dB at equal bytes" in found.err
 
 
 def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
