@@ -26,6 +26,7 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from fecocodec.evaluation.evaluation import Report
+    from fecocodec.evaluation.summary import Average, ExternalRow
 
 DEFAULT_LAMBDAS = "1e-2,3e-3,1e-3,3e-4,1e-4,1e-5"
 
@@ -141,7 +142,8 @@ def command(
     with progress_bar() as on_progress:
         report = evaluate_to_folder(plan, lambda m, fraction: on_progress(f"{m.entry} {m.system}"[:24], fraction))
     if as_json:
-        print_json({"averages": [asdict(a) for a in report.averages], "output": str(output)})
+        averages, others = ([asdict(row) for row in rows] for rows in (report.averages, report.external))
+        print_json({"averages": averages, "external": others, "output": str(output)})
     else:
         _print_report(report)
     if report.failures:
@@ -150,34 +152,34 @@ def command(
         raise InputError(f"{output}: {len(report.failures)} measurements failed, the others are there; see above.")
 
 
+_COLUMNS = {
+    "KiB": ("kib", ".2f"),
+    "bpp": ("bits_per_pixel", ".3f"),
+    "PSNR": ("psnr", ".2f"),
+    "SSIM": ("ssim", ".3f"),
+    "FLIP": ("flip", ".3f"),
+    "ST-LPIPS": ("st_lpips", ".3f"),
+    "LPIPS": ("lpips", ".3f"),
+    "LPIPS (AlexNet)": ("lpips_alex", ".3f"),
+    "Gaussians": ("gaussians", ".0f"),
+    "encode s": ("encode_seconds", ".3f"),
+    "decode s": ("decode_seconds", ".3f"),
+}
+
+
+def _cells(row: "Average | ExternalRow") -> tuple[str, ...]:
+    values = ((getattr(row, name, None), digits) for name, digits in _COLUMNS.values())
+    cells = ("" if value is None else format(value, digits) for value, digits in values)
+    return row.system, row.setting, str(getattr(row, "entries", "external")), *cells
+
+
 def _print_report(report: "Report") -> None:
     from fecocodec.evaluation.summary import LEAST_OVERLAP_DB, NO_LPIPS
 
-    def optional(value: float | None) -> str:
-        return "" if value is None else f"{value:.3f}"
-
-    rows = [
-        {
-            "system": row.system,
-            "setting": row.setting,
-            "entries": f"{row.entries}",
-            "KiB": f"{row.kib:.2f}",
-            "bpp": f"{row.bits_per_pixel:.3f}",
-            "PSNR": f"{row.psnr:.2f}",
-            "SSIM": f"{row.ssim:.3f}",
-            "FLIP": optional(row.flip),
-            "ST-LPIPS": optional(row.st_lpips),
-            "LPIPS": optional(row.lpips),
-            "LPIPS (AlexNet)": optional(row.lpips_alex),
-            "Gaussians": f"{row.gaussians:.0f}",
-            "encode s": f"{row.encode_seconds:.3f}",
-            "decode s": f"{row.decode_seconds:.3f}",
-        }
-        for row in report.averages
-    ]
+    rows = (*report.averages, *report.external)
     if rows:
-        print_columns([tuple(rows[0]), *(tuple(row.values()) for row in rows)])
-    if rows and all(row.lpips is None for row in report.averages):
+        print_columns([("system", "setting", "entries", *_COLUMNS), *map(_cells, rows)])
+    if report.averages and all(row.lpips is None for row in report.averages):
         say(NO_LPIPS)
     for found in report.comparisons:
         rate = f"less than {LEAST_OVERLAP_DB:g} dB of PSNR in common"

@@ -24,7 +24,7 @@ from fecocodec.evaluation.paper_tables import complexity_table, quality_charts, 
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.report.section import write_png
 from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
-from fecocodec.evaluation.summary import OURS, Average, Comparison, ExternalRow, as_tsv, averages, compare
+from fecocodec.evaluation.summary import OURS, Average, Comparison, ExternalRow, as_tsv, averages, compare, summary_tsv
 from fecocodec.evaluation.systems.groups import lambdas_in_range, systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
@@ -102,11 +102,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class Report:
-    """Results of an evaluation. failures: measurements with an error."""
+    """Results of an evaluation. failures: measurements with an error. external: see `Plan`."""
 
     averages: tuple[Average, ...]
     comparisons: tuple[Comparison, ...]
     failures: tuple[Measurement, ...]
+    external: tuple[ExternalRow, ...] = ()
 
 
 def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fraction: None) -> Report:
@@ -136,7 +137,7 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
         on_measured(measurement, len(found) / total)
     rows = averages(found)
     others = [row for row in external if row.kib and row.psnr is not None]
-    report = Report(rows, compare((*rows, *others)), tuple(m for m in found if m.error))
+    report = Report(rows, compare((*rows, *others)), tuple(m for m in found if m.error), external)
     if plan.shard is None:
         write_tables(plan.output, found, report)
         _write_paper_tables(plan.output, codec, rows, external)
@@ -190,12 +191,13 @@ def write_tables(folder: Path, found: Sequence[Measurement], report: Report) -> 
     summary = {
         "machine": describe_machine(),
         "averages": [asdict(row) for row in report.averages],
+        "external": [asdict(row) for row in report.external],
         "comparisons": [asdict(row) for row in report.comparisons],
         "failures": [{"entry": m.entry, "system": m.system, "error": m.error} for m in report.failures],
     }
     texts = {
         "entries.tsv": as_tsv(found),
-        "summary.tsv": as_tsv(report.averages),
+        "summary.tsv": summary_tsv(report.averages, report.external),
         "comparisons.tsv": as_tsv(report.comparisons),
         "summary.json": json.dumps(summary, indent=1),
     }

@@ -1,7 +1,7 @@
 """Averages over entries, and comparisons of rate-distortion curves, as rows of tables."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from statistics import fmean, median
 from typing import Any
 
@@ -141,11 +141,18 @@ def _mean_if_all(values: Sequence[float | None]) -> float | None:
 
 def as_tsv(rows: Sequence[Any]) -> str:
     """Format dataclass instances of one type as TSV with a head line: floats with six digits, None as empty cells."""
-    if not rows:
-        return ""
-    lines = ["\t".join(asdict(rows[0]))]
-    lines += ["\t".join(_cell(value) for value in asdict(row).values()) for row in rows]
-    return "\n".join(lines) + "\n"
+    return _lines(asdict(rows[0]), [asdict(row).values() for row in rows]) if rows else ""
+
+
+def summary_tsv(rows: Sequence[Average], external: Sequence[ExternalRow]) -> str:
+    """Format averages as `as_tsv` does, and below them other systems, whose number of entries is "external"."""
+    names = [field.name for field in fields(Average)]
+    defaults = dict.fromkeys(names) | {"entries": "external"}
+    return _lines(names, [[getattr(row, name, defaults[name]) for name in names] for row in (*rows, *external)])
+
+
+def _lines(head: Iterable[str], rows: Sequence[Iterable[object]]) -> str:
+    return "".join("\t".join(map(_cell, cells)) + "\n" for cells in (head, *rows))
 
 
 def _cell(value: object) -> str:

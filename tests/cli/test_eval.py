@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 from fecocodec.evaluation import evaluation, run
-from fecocodec.evaluation.evaluation import Report
+from fecocodec.evaluation.evaluation import Report, write_tables
+from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.stress import suite
 from fecocodec.evaluation.stress.suite import Verdict
-from fecocodec.evaluation.summary import Comparison
+from fecocodec.evaluation.summary import Comparison, ExternalRow, averages
 from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine, Result
 from tests.example_scenes import MODEL
@@ -58,6 +59,20 @@ def printed(fecosplat: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_curves_with_little_in_common_are_not_said_to_have_nothing(printed: Callable[..., Result]) -> None:
     found = printed(Report((), (Comparison("AVIF", None, -0.5, None),), ()))
     assert "fecosplat against AVIF: less than 0.5 dB of PSNR in common, -0.50 dB at equal bytes" in found.err
+
+
+def test_external_results_are_listed_below_ours(printed: Callable[..., Result], tmp_path: Path) -> None:
+    measurement = Measurement("a", "fecosplat", "lambda 0.01", "model", num_bytes=2048, psnr=20.0)
+    report = Report(averages([measurement]), (), (), (ExternalRow("Other", "q 1", 4.0, psnr=19.5),))
+    found = printed(report)
+    ours, other = found.out.splitlines()[1:]
+    assert ours.split()[:6] == ["fecosplat", "lambda", "0.01", "1", "2.00", "0.000"]
+    assert other.split() == ["Other", "q", "1", "external", "4.00", "19.50"]
+    assert json.loads(printed(report, "--json").out)["external"][0]["system"] == "Other"
+    write_tables(tmp_path, [measurement], report)
+    head, _ours, other = (line.split("\t") for line in (tmp_path / "summary.tsv").read_text().splitlines())
+    cells = {name: cell for name, cell in zip(head, other, strict=True) if cell}
+    assert cells == {"system": "Other", "setting": "q 1", "entries": "external", "kib": "4", "psnr": "19.5"}
 
 
 def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
