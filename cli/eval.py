@@ -8,7 +8,7 @@ import click
 
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.container import quantise_lambda
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, some_of
 
 from .options import (
     FILE_PATH,
@@ -26,7 +26,7 @@ from .progress import progress_bar
 
 if TYPE_CHECKING:
     from fecocodec.evaluation.evaluation import Report
-    from fecocodec.evaluation.summary import Average, ExternalRow
+    from fecocodec.evaluation.summary import RatedPoint
 
 DEFAULT_LAMBDAS = "1e-2,3e-3,1e-3,3e-4,1e-4,1e-5"
 
@@ -146,6 +146,9 @@ def command(
         print_json({"averages": averages, "external": others, "output": str(output)})
     else:
         _print_report(report)
+    if (entries := report.doubtful) and shard is None:
+        place = output / "entries.tsv"
+        warn(f"{place}: {len(entries)} entries have warnings ({some_of(entries)}); see the column warnings.")
     if report.failures:
         for failure in report.failures:
             warn(f"{failure.entry}, {failure.system}, {failure.setting}: {failure.error}")
@@ -167,7 +170,7 @@ _COLUMNS = {
 }
 
 
-def _cells(row: "Average | ExternalRow") -> tuple[str, ...]:
+def _cells(row: "RatedPoint") -> tuple[str, ...]:
     values = ((getattr(row, name, None), digits) for name, digits in _COLUMNS.values())
     cells = ("" if value is None else format(value, digits) for value, digits in values)
     return row.system, row.setting, str(getattr(row, "entries", "external")), *cells
@@ -176,7 +179,7 @@ def _cells(row: "Average | ExternalRow") -> tuple[str, ...]:
 def _print_report(report: "Report") -> None:
     from fecocodec.evaluation.summary import LEAST_OVERLAP_DB, NO_LPIPS
 
-    rows = (*report.averages, *report.external)
+    rows: tuple[RatedPoint, ...] = (*report.averages, *report.external)
     if rows:
         print_columns([("system", "setting", "entries", *_COLUMNS), *map(_cells, rows)])
     if report.averages and all(row.lpips is None for row in report.averages):

@@ -102,12 +102,16 @@ class Plan:
 
 @dataclass(frozen=True)
 class Report:
-    """Results of an evaluation. failures: measurements with an error. external: see `Plan`."""
+    """Results of an evaluation.
+
+    failures: measurements with an error. external: see `Plan`. doubtful: names of entries with warnings.
+    """
 
     averages: tuple[Average, ...]
     comparisons: tuple[Comparison, ...]
     failures: tuple[Measurement, ...]
     external: tuple[ExternalRow, ...] = ()
+    doubtful: tuple[str, ...] = ()
 
 
 def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fraction: None) -> Report:
@@ -137,7 +141,8 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
         on_measured(measurement, len(found) / total)
     rows = averages(found)
     others = [row for row in external if row.kib and row.psnr is not None]
-    report = Report(rows, compare((*rows, *others)), tuple(m for m in found if m.error), external)
+    failures, doubtful = [m for m in found if m.error], dict.fromkeys(m.entry for m in found if m.warnings)
+    report = Report(rows, compare((*rows, *others)), tuple(failures), external, tuple(doubtful))
     if plan.shard is None:
         write_tables(plan.output, found, report)
         _write_paper_tables(plan.output, codec, rows, external)

@@ -19,7 +19,7 @@ class Measurement:
     of earlier versions, which are measured again. bits_per_pixel: bits of the whole file per pixel of the context
     views. peak_mib: peak resident memory of the process during the measurement, None if the system does not report it.
     error: message if the measurement failed, in which case the other values are not set. num_guides: see
-    `Reconstruction`.
+    `Reconstruction`. warnings: sentences about the context views, and of the sender.
     """
 
     entry: str
@@ -46,6 +46,7 @@ class Measurement:
     peak_mib: float | None = None
     error: str = ""
     num_guides: int = 0
+    warnings: str = ""
 
     @property
     def key(self) -> Key:

@@ -1,6 +1,7 @@
 """Measure every entry with every system in several metrics, record the results, and optionally draw strips."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -19,6 +20,7 @@ from fecocodec.geometry.views import Views
 from fecocodec.rendering.lpips import TRUNKS, is_lpips_there, lpips_alex, lpips_vgg
 from fecocodec.rendering.metrics import MS_SSIM_LEAST_SIDE, ms_ssim, psnr, ssim
 from fecocodec.rendering.perceptual import ST_LPIPS_LEAST_SIDE, st_lpips
+from fecocodec.sender.input_warnings import check_input
 
 
 @torch.no_grad()
@@ -92,11 +94,14 @@ def measure_all(
             continue
         try:
             views = read(entry)
+            doubts = check_input(views.select(list(range(len(entry.context)))))
         except FecoError as error:
             yield from (_recorded(records, _failure(key, entry, error)) for key in missing)
             continue
         for key, system in missing.items():
-            yield _recorded(records, _measure(key, entry, system, views, draw, device))
+            measurement = _measure(key, entry, system, views, draw, device)
+            warnings = " ".join(dict.fromkeys((*doubts, measurement.warnings))).strip()
+            yield _recorded(records, replace(measurement, warnings=warnings))
 
 
 def _measure(key: Key, entry: IndexEntry, system: System, read: Views, draw: Draw, device: str) -> Measurement:
@@ -118,6 +123,7 @@ def _measure(key: Key, entry: IndexEntry, system: System, read: Views, draw: Dra
         *key,
         num_context=num_context,
         num_guides=result.num_guides,
+        warnings=" ".join(result.warnings),
         height=height,
         width=width,
         num_bytes=result.num_bytes,

@@ -61,6 +61,12 @@ def test_curves_with_little_in_common_are_not_said_to_have_nothing(printed: Call
     assert "fecosplat against AVIF: less than 0.5 dB of PSNR in common, -0.50 dB at equal bytes" in found.err
 
 
+def test_entries_with_warnings_are_named(printed: Callable[..., Result]) -> None:
+    found = printed(Report((), (), (), doubtful=("a", "b", "c", "d", "e")))
+    assert "entries.tsv: 5 entries have warnings (a, b, c and 2 more); see the column warnings." in found.err
+    assert "have warnings" not in printed(Report((), (), ())).err + found.out
+
+
 def test_external_results_are_listed_below_ours(printed: Callable[..., Result], tmp_path: Path) -> None:
     measurement = Measurement("a", "fecosplat", "lambda 0.01", "model", num_bytes=2048, psnr=20.0)
     report = Report(averages([measurement]), (), (), (ExternalRow("Other", "q 1", 4.0, psnr=19.5),))

@@ -11,6 +11,7 @@ import pytest
 
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import InputError
+from fecocodec.evaluation import run
 from fecocodec.evaluation.evaluation import RECORDS, Plan, choose_entries, evaluate_to_folder
 from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import Measurement, RecordFile
@@ -87,10 +88,11 @@ def test_guided_systems_need_guides(plan: Plan) -> None:
         evaluate_to_folder(replace(plan, groups=("guided",)))
 
 
-def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan) -> None:
+def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "check_input", lambda views: ("is dark.",) if "0:0" in views.names else ())
     write_wall_chunks(plan.root, num_scenes=2, num_frames=4)
     without = {"context": [0, 2], "target": [1]}
-    plan.index.write_text(json.dumps({"wall0": without, "wall1": without | {"guide": [3]}}))
+    plan.index.write_text(json.dumps({"wall0": without, "wall1": {"context": [1, 2], "target": [0], "guide": [3]}}))
     fractions = []
     plan = replace(plan, groups=("guided", "trivial"), with_strips=False)
     report = evaluate_to_folder(plan, lambda _found, fraction: fractions.append(fraction))
@@ -99,6 +101,11 @@ def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan) ->
         ("nearest view", 1),
         ("best plane", 1),
     }
+    assert report.doubtful == ("wall0",)
+    assert [m.warnings for m in RecordFile(plan.output / RECORDS).measurements.values() if m.entry == "wall0"] == [
+        "is dark.",
+        "is dark.",
+    ]
     assert fractions == [n / 5 for n in range(1, 6)]
 
 

@@ -57,7 +57,9 @@ def test_guides_that_are_left_out_do_not_count(random_weights: Path) -> None:
     context, guides = views.select([0, 1, 2]), views.select([1])
     system = systems.guided_system(codec, 1e-3, effort="fast")
     wrong = replace(guides, images=1.0 - guides.images)
-    assert [system.run(context, 2, shown).num_guides for shown in (guides, wrong, None)] == [1, 0, 0]
+    found = [system.run(context, 2, shown) for shown in (guides, wrong, None)]
+    assert [one.num_guides for one in found] == [1, 0, 0]
+    assert [any("is left out" in warning for warning in one.warnings) for one in found] == [False, True, False]
 
 
 def test_pixels_under_masks_do_not_count(random_weights: Path) -> None:

@@ -48,21 +48,31 @@ def codec_system(
     name = _NAME_OF_EFFORT[effort] if num_stages == 2 else "stage 1 alone"
     config, lambda_q = config_of_effort(effort, sharpness), quantise_lambda(lmbda)
     encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
-    return stream_system(codec, name, f"lambda {lmbda:g}", encoder)
+    return System(name, f"lambda {lmbda:g}", partial(_reconstruct_and_report, codec, encoder))
 
 
 def guided_system(codec: Codec, lmbda: float, num_stages: int = 2, effort: str = "default") -> System:
     """Return the codec at one lambda, taught by the guides of an entry. Other arguments as for `encode`."""
     config, lambda_q = config_of_effort(effort), quantise_lambda(lmbda)
     encoder = partial(encode_with, codec, lambda_q=lambda_q, num_stages=num_stages, config=config)
+    reconstruct = partial(_reconstruct_and_report, codec, encoder)
+    return System(GUIDED, f"lambda {lmbda:g}", reconstruct, learn=reconstruct)
 
-    def learn(views: Views, num_context: int, guides: Views) -> Reconstruction:
-        omitted: list[str] = []
-        taught = partial(encoder, guides=guides, on_omission=lambda _sentence, names: omitted.extend(names))
-        found = _reconstruct(codec, taught, views, num_context)
-        return replace(found, num_guides=len(guides.names) - len(omitted))
 
-    return System(GUIDED, f"lambda {lmbda:g}", partial(_reconstruct, codec, encoder), learn)
+def _reconstruct_and_report(
+    codec: Codec, encoder: Callable[..., bytes], views: Views, num_context: int, guides: Views | None = None
+) -> Reconstruction:
+    """Return the reconstruction with the sender's warnings. encoder: has the arguments of `encode_with`."""
+    warnings, omitted = list[str](), list[str]()
+
+    def omit(sentence: str, names: tuple[str, ...]) -> None:
+        warnings.append(sentence)
+        omitted.extend(names)
+
+    encoder = partial(encoder, guides=guides, on_warning=warnings.append, on_omission=omit)
+    found = _reconstruct(codec, encoder, views, num_context)
+    num_guides = 0 if guides is None else len(guides.names) - len(omitted)
+    return replace(found, num_guides=num_guides, warnings=tuple(warnings))
 
 
 def stream_system(codec: Codec, name: str, setting: str, encoder: Encoder) -> System:

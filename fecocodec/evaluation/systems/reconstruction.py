@@ -19,7 +19,7 @@ class Reconstruction:
     num_bytes: size of all transmitted data, cameras included. encode_seconds, decode_seconds: without rendering.
     gaussians: None if the receiver has none. images: at the cameras of all views, context views first, sRGB in [0, 1].
     depth: along the optical axis in scene units, 0 where nothing is rendered; None if there is no depth. num_guides:
-    photographs that the sender learned from; guides that it left out do not count.
+    photographs that the sender learned from; guides that it left out do not count. warnings: sentences of the sender.
     """
 
     num_bytes: int
@@ -29,6 +29,7 @@ class Reconstruction:
     images: Float[Tensor, "view 3 height width"]
     depth: Float[Tensor, "view height width"] | None
     num_guides: int = 0
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
