@@ -9,6 +9,8 @@ from pathlib import Path
 from statistics import mean
 
 from fecocodec.captures.evaluation_index import read_index
+from fecocodec.errors import FecoError, InputError
+from fecocodec.evaluation.evaluation import choose_entries
 from fecocodec.evaluation.novel_views import Score, evaluate
 from fecocodec.evaluation.systems.codec import codec_system, guided_system
 from fecocodec.sender.codec import load_codec
@@ -26,13 +28,15 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=2, help="number of stages  [default: 2]")
     parser.add_argument("--effort", choices=EFFORTS, default="default", help="as for `fecosplat encode`")
     parser.add_argument("--sharpness", type=float, default=0.0, help="as for `fecosplat encode`")
-    parser.add_argument("--guided", action="store_true", help="let the guides of the index teach the encoder")
+    parser.add_argument("--guided", action="store_true", help="let guides teach; only entries that have them")
     parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
+    usable = [e for e in read_index(arguments.index) if e.guide or not arguments.guided]
+    if not usable:
+        raise InputError(f"{arguments.index}: no entry has `guide`, the frames that teach; leave out --guided.")
+    entries = choose_entries(usable, arguments.views, None, arguments.index)
     codec = load_codec(arguments.model, arguments.device)
-    entries = tuple(e for e in read_index(arguments.index) if len(e.context) == arguments.views)
-    entries = tuple(e for e in entries if e.guide or not arguments.guided)
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tLPIPS\tcontext PSNR\tGaussians\tby kind")
     for lmbda in arguments.lambdas:
@@ -64,4 +68,7 @@ def _by_kind(scores: list[Score]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except FecoError as error:
+        raise SystemExit(str(error)) from error
