@@ -22,7 +22,10 @@ PARTS = ("context", "target", "guide")
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """An entry of an evaluation index: frames of a scene, from 0. guide: not coded; the sender learns from them."""
+    """An entry of an evaluation index: frames of a scene, from 0.
+
+    target: may have context frames, too, as public indices do. guide: not coded; the sender learns from them.
+    """
 
     name: str
     scene: str
@@ -51,15 +54,16 @@ def _entry(path: Path, name: str, value: object) -> IndexEntry:
     fields = value if isinstance(value, dict) else {}
     context, target, guide = (fields.get(part) for part in PARTS)
     for other in fields:
-        if other not in PARTS and (meant := get_close_matches(other.lower(), PARTS, 1)):
+        if other not in PARTS and (meant := get_close_matches(other.lower(), PARTS, 1, 0.8)):
             raise InputError(f"{path}, entry {name}: has `{other}`; write `{meant[0]}`, or give it another name.")
     if not _is_frame_list(context) or not _is_frame_list(target):
         raise InputError(f"{path}, entry {name}: `context` and `target` must be lists of frame numbers from 0.")
     if guide and (not _is_frame_list(guide) or {*guide} & {*context, *target}):
         raise InputError(f"{path}, entry {name}: `guide` must be a list of frame numbers in neither other list.")
-    frame, count = Counter((*context, *target, *(guide or ()))).most_common(1)[0]
-    if count > 1:
-        raise InputError(f"{path}, entry {name}: frame {frame} is there twice; name each frame once, in one list.")
+    for part, frames in zip(PARTS, (context, target, guide or ()), strict=True):
+        if len({*frames}) < len(frames):
+            frame = Counter(frames).most_common(1)[0][0]
+            raise InputError(f"{path}, entry {name}: `{part}` has frame {frame} twice; name it once.")
     return IndexEntry(name, name.split("/")[0], tuple(context), tuple(target), tuple(guide or ()))
 
 

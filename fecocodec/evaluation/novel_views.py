@@ -52,8 +52,10 @@ class EntryReader:
         if self.chunks is not None:
             return self.chunks.scene(entry.scene).views(frames, size=shape)
         folder = _folder(self.root, entry)
-        parts = [frames[start : start + MAX_VIEWS] for start in range(0, len(frames), MAX_VIEWS)]
-        return joined([read_views(folder, views=part, size=shape, background="white") for part in parts])
+        once = tuple(dict.fromkeys(frames))
+        parts = [once[start : start + MAX_VIEWS] for start in range(0, len(once), MAX_VIEWS)]
+        found = joined([read_views(folder, views=part, size=shape, background="white") for part in parts])
+        return found.select([once.index(frame) for frame in frames])
 
     def digest(self, entry: IndexEntry) -> str:
         """Return a digest of the entry's frames, and of their photographs and cameras in chunks, or else of all files

@@ -40,8 +40,8 @@ def test_public_indices_are_read(tmp_path: Path) -> None:
         ('{"a": {"context": [1], "target": [2], "guides": [3]}}', "entry a: has `guides`; write `guide`"),
         ('{"a": {"context": [1], "target": [2], "Guided": [3]}}', "has `Guided`; write `guide`"),
         ('{"a/b": null, "a/b": {"context": [1], "target": [2]}}', "the name a/b is there twice; remove one"),
-        ('{"a": {"context": [1, 2], "target": [3, 2]}}', "entry a: frame 2 is there twice; name each frame once"),
-        ('{"a": {"context": [1], "target": [2], "guide": [3, 3]}}', "entry a: frame 3 is there twice"),
+        ('{"a": {"context": [1, 2], "target": [3, 4, 3]}}', "entry a: `target` has frame 3 twice; name it once"),
+        ('{"a": {"context": [1], "target": [2], "guide": [3, 3]}}', "entry a: `guide` has frame 3 twice"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, sentence: str) -> None:
