@@ -7,6 +7,7 @@ from pathlib import Path
 from fecocodec.container.header_bytes import SIGNATURE_BYTES, check_signature
 from fecocodec.errors import InputError, OutputError, error_context
 from fecocodec.input_file import first_bytes
+from fecocodec.model_files import RECEIVER_FILE, SENDER_FILE
 
 STDOUT = Path("-")
 # A file format; `.v2`, `.1` and `.renders` are parts of a name.
@@ -28,6 +29,13 @@ def require_output_folder(folder: Path) -> None:
     if not existing.is_dir():
         where = "this" if existing == folder else str(existing)
         raise OutputError(f"{folder}: {where} is not a folder; choose another output path.")
+
+
+def require_new_model(folder: Path) -> None:
+    """Raise OutputError if a model cannot be written to a folder, or if one is there: files need its receiver."""
+    require_output_folder(folder)
+    if any((folder / name).exists() for name in (RECEIVER_FILE, SENDER_FILE)):
+        raise OutputError(f"{folder}: this folder holds a model already; choose another output path.")
 
 
 def require_photographs(folder: Path) -> None:

@@ -13,7 +13,7 @@ from fecocodec.errors import InputError
 from .command_line import add_common_options
 from .options import FILE_PATH, device_option, threads_option
 from .output import in_options, say, warn
-from .paths import require_output_folder
+from .paths import require_new_model, require_output_folder
 from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 from .train_verbs import detail, entropy, steps
 
@@ -121,6 +121,8 @@ def command(
     a finished model.
     """
     require_output_folder(folder)
+    if model is not None:
+        require_new_model(model)
     check_inputs((photographs, textures, validation, start, *extractor), overrides)  # before torch is loaded
 
     from fecocodec.rendering.cuda import require_rendering_device

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fecocodec.errors import OutputError
-from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE, read_bytes
+from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes
 
 from .options import FILE_PATH, device_option, threads_option, with_options
 from .output import say
-from .paths import require_model, require_output_folder
+from .paths import require_model, require_new_model
 from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 
 if TYPE_CHECKING:
@@ -171,9 +170,7 @@ def detail(
 def _check(model: Path, out: Path, inputs: tuple[Path | None, ...], overrides: dict[str, Any]) -> None:
     """Refuse what cannot be read or written, or is out of range, before torch is loaded."""
     require_model(model)
-    require_output_folder(out)
-    if any((out / name).exists() for name in (RECEIVER_FILE, SENDER_FILE)):
-        raise OutputError(f"{out}: this folder holds a model already; choose another output path.")
+    require_new_model(out)
     check_inputs(inputs, overrides)
 
 

@@ -11,6 +11,7 @@ import pytest
 from fecosplat_cli.train import command
 from fecosplat_cli.train_options import overridden
 
+from fecocodec.model_files import DEFAULT_MODEL, SHIPPED
 from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from tests.cli.conftest import CommandLine
@@ -77,6 +78,7 @@ def test_options_override_the_configuration_and_nothing_else() -> None:
         (["--from", "nowhere"], "nowhere: there is no such file or folder"),
         (["--from", str(Path(__file__).parent)], "the weights cannot be read"),
         (["--device", "cuda:7"], "device cuda:7 was asked for"),
+        (["--export", str(SHIPPED / DEFAULT_MODEL)], "compact-6: this folder holds a model already; choose another"),
     ],
 )
 def test_what_cannot_be_trained_is_one_sentence(
