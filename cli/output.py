@@ -56,6 +56,17 @@ _OPTIONS = {
     "frozen": "--freeze",
     "extractor_weights": "--extractor-weights",
     "num_scenes": "--scenes",
+    "num_target": "--targets",
+    "sizes": "--size",
+    "one_stage_until": "--one-stage-steps",
+    "bypass_until": "--bypass-steps",
+    "kept_batches": "--keep",
+    "start": "--from",
+    "configuration": "--config",
+    **{
+        name: f"--{name.replace('_', '-')}"
+        for name in ("seed", "textures", "precision", "learning_rate", "lambda_range", "photograph_share")
+    },
     "disparity_weight": "--depth-weight",
     **{name: f"--{name.replace('_', '-')}" for name in ("perceptual", "perceptual_weight", "optimised_share")},
     'stages="intact"': "decode --partial",

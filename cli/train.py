@@ -132,6 +132,7 @@ def command(
     from fecocodec.training.model_weights import export_model
     from fecocodec.training.processes import is_first, joined_processes, num_processes
     from fecocodec.training.run_files import LOG_COLUMNS
+    from fecocodec.training.same_run import fingerprint
     from fecocodec.training.sources import open_sources
     from fecocodec.training.trainer import Trainer
 
@@ -143,10 +144,19 @@ def command(
         settings = RunSettings(
             folder, configuration, max_minutes or _default_minutes(configuration), seed, own_device,
             num_workers=num_workers, validate_every=validate_every, keep_every=keep_every,
+            origin={
+                "seed": str(seed),
+                "photographs": fingerprint(photographs),
+                "textures": fingerprint(textures),
+                "start": fingerprint(start),
+                "extractor_weights": fingerprint(*(() if _is_frozen(configuration) else extractor)),
+            },
         )  # fmt: skip
         trainer = Trainer(settings, sources)
         if trainer.checkpoint.exists():
             trainer.resume(trainer.checkpoint)
+            if is_first():
+                say(f"{trainer.checkpoint}: {_state(trainer.step, configuration.schedule.num_steps)}")
         elif start is not None:
             trainer.start_from(start)
         if is_first():
@@ -154,9 +164,7 @@ def command(
         if trainer.step == 0 and is_first():
             for sentence in remarks_on_start(configuration, num_processes(), (*extractor, *filter(None, [start]))):
                 warn(f"warning: {in_options(sentence)}")
-        for source in (
-            extractor if trainer.step == 0 or configuration.sender.extractor == LargeSenderConfig.extractor else ()
-        ):
+        for source in extractor if trainer.step == 0 or _is_frozen(configuration) else ():
             report = trainer.start_extractor_from(source)
             for line in (f"extractor, from {source}: {report}", *report.table()):
                 say(line)
@@ -169,12 +177,21 @@ def command(
 
 
 def _check_options(configuration: "Configuration", num_workers: int, extractor: tuple[Path, ...]) -> None:
-    if configuration.sender.extractor == LargeSenderConfig.extractor and len(extractor) != 1:
+    if _is_frozen(configuration) and len(extractor) != 1:
         raise InputError(
             "The extractor of this configuration is frozen; give DepthSplat-Base's file by `extractor_weights`, once."
         )
     if configuration.kept_batches and num_workers:
         raise InputError("Kept batches are drawn by the training process; leave out --workers, or --keep.")
+
+
+def _is_frozen(configuration: "Configuration") -> bool:
+    """Return whether the extractor is a frozen one, which checkpoints do not hold."""
+    return configuration.sender.extractor == LargeSenderConfig.extractor
+
+
+def _state(step: int, num_steps: int) -> str:
+    return f"resuming at step {step} of {num_steps}" if step < num_steps else f"already finished, at step {step}"
 
 
 def _default_minutes(configuration: "Configuration") -> float | None:

@@ -27,6 +27,7 @@ from fecocodec.training.model_weights import freeze, load_extractor, load_model_
 from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
 from fecocodec.training.processes import gather_states, is_first, process_rank, seeded_generator
 from fecocodec.training.run_files import append_lines, load_checkpoint, remove_rows_after, save_checkpoint
+from fecocodec.training.same_run import deciding_values, require_same_run
 from fecocodec.training.sources import Sources
 from fecocodec.training.step_learning import StepLearner
 from fecocodec.training.training_pass import (
@@ -94,8 +95,12 @@ class Trainer:
         self.average = copy_of_weights(self.networks)
 
     def resume(self, path: Path) -> None:
-        """Restore a checkpoint exactly. Raises ModelError if networks or number of processes differ."""
+        """Restore a checkpoint exactly.
+
+        Raises InputError if configuration or origin differ, ModelError if networks or number of processes differ.
+        """
         saved = load_checkpoint(path)
+        require_same_run(saved.get("run", {}), self.settings, path)  # older checkpoints have none
         try:
             generator, noise = (saved[name][process_rank()] for name in ("generators", "global_generators"))
             self.networks.load_state_dict(saved["networks"])
@@ -128,6 +133,7 @@ class Trainer:
             "num_skipped": self.num_skipped,
             "num_bad_scenes": self.num_bad_scenes,
             "seed": self.seed,
+            "run": deciding_values(self.settings),
             "extractor": getattr(self.sender.config, "fingerprint", ""),
             "generators": gather_states(self.generator.get_state()),
             "global_generators": gather_states(torch.get_rng_state()),

@@ -14,6 +14,7 @@ from fecosplat_cli.train_options import overridden
 from fecocodec.model_files import DEFAULT_MODEL, SHIPPED
 from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
+from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine
 
 PAPER = ("--config", "paper-re10k", "--photographs", ".")
@@ -89,6 +90,20 @@ def test_what_cannot_be_trained_is_one_sentence(
     assert result.code == 1 and result.out == ""
     assert sentence in result.err and result.err.count("\n") == 1
     assert not folder.exists()
+
+
+def test_a_run_is_resumed_with_its_own_options_alone(fecosplat: CommandLine, tmp_path: Path) -> None:
+    first = ("train", tmp_path, "--steps", "1", "--views", "2", "--size", "64x64", "--scenes", "1", "--seed", "1")
+    chunks = write_wall_chunks(tmp_path / "chunks", num_scenes=2, num_frames=4)
+    assert fecosplat(*first).code == 0
+    again = fecosplat(*first)
+    assert again.code == 0 and f"{tmp_path}/last.pt: already finished, at step 1\n" in again.err
+    for option, value in (("--seed", "2"), ("--size", "96x64"), ("--photographs", chunks)):
+        other = fecosplat(*first, option, value)
+        assert other.code == 1 and other.err.count("\n") == 1
+        assert f"last.pt: this run began with another {option}; give the first value again" in other.err
+    more = fecosplat(*first, "--steps", "2")
+    assert more.code == 0 and f"{tmp_path}/last.pt: resuming at step 1 of 2\n" in more.err
 
 
 EXTRACTOR = {
