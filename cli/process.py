@@ -9,6 +9,8 @@ import os
 import signal
 import sys
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from io import TextIOWrapper
 from types import FrameType
 
@@ -102,6 +104,34 @@ class EndingSignals:
             return
         _repeat_after(SECONDS_TO_END)
         raise SystemExit
+
+
+@contextmanager
+def ending_later() -> Iterator[Callable[[], bool]]:
+    """Let a block end in its own way at a signal, which takes effect after the block; a second one does so at once.
+
+    Yields a function that returns whether a signal was received. Signals that are ignored stay ignored.
+    """
+    handlers = {number: signal.getsignal(number) for number in _ending_signals()}
+    heeded = {number: handler for number, handler in handlers.items() if handler not in (signal.SIG_IGN, None)}
+    received: list[int] = []
+
+    def restore() -> None:
+        for number, handler in heeded.items():
+            signal.signal(number, handler)
+
+    def record(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+        restore()
+
+    for number in heeded:
+        signal.signal(number, record)
+    try:
+        yield lambda: bool(received)
+    finally:
+        restore()
+    if received:
+        signal.raise_signal(received[0])
 
 
 def _is_importing(frame: FrameType | None) -> bool:

@@ -14,6 +14,7 @@ from .command_line import add_common_options
 from .options import FILE_PATH, device_option, threads_option
 from .output import in_options, say, warn
 from .paths import require_new_model, require_output_folder
+from .process import ending_later
 from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 from .train_verbs import detail, entropy, steps
 
@@ -115,7 +116,7 @@ def command(
     **overrides: Any,
 ) -> None:
     """Train the networks. FOLDER receives the checkpoint last.pt, log.csv and samples/; training resumes from its
-    checkpoint if there is one.
+    newest checkpoint if there is one. Ctrl-C and SIGTERM save one.
 
     Start several processes with torchrun, as in the last example, for data-parallel training. Verbs train one part of
     a finished model.
@@ -131,7 +132,7 @@ def command(
     from fecocodec.training.loop import train
     from fecocodec.training.model_weights import export_model
     from fecocodec.training.processes import is_first, joined_processes, num_processes
-    from fecocodec.training.run_files import LOG_COLUMNS
+    from fecocodec.training.run_files import LOG_COLUMNS, newest_checkpoint
     from fecocodec.training.same_run import fingerprint
     from fecocodec.training.sources import open_sources
     from fecocodec.training.trainer import Trainer
@@ -153,10 +154,10 @@ def command(
             },
         )  # fmt: skip
         trainer = Trainer(settings, sources)
-        if trainer.checkpoint.exists():
-            trainer.resume(trainer.checkpoint)
+        if (checkpoint := newest_checkpoint(folder)) is not None:
+            trainer.resume(checkpoint)
             if is_first():
-                say(f"{trainer.checkpoint}: {_state(trainer.step, configuration.schedule.num_steps)}")
+                say(f"{checkpoint}: {_state(trainer.step, configuration.schedule.num_steps)}")
         elif start is not None:
             trainer.start_from(start)
         if is_first():
@@ -168,8 +169,9 @@ def command(
             report = trainer.start_extractor_from(source)
             for line in (f"extractor, from {source}: {report}", *report.table()):
                 say(line)
-        for row in train(trainer):
-            say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
+        with ending_later() as is_ending:
+            for row in train(trainer, is_ending):
+                say("  ".join(f"{name} {row[name]:.4g}" for name in LOG_COLUMNS if name in row))
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, replace(configuration, sender=trainer.sender.config), start)

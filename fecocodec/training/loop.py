@@ -18,8 +18,10 @@ from fecocodec.training.trainer import Trainer
 SCENES_OF_A_STEP = 2  # of each process that trains one part alone
 
 
-def train(trainer: Trainer) -> Iterator[dict[str, float]]:
-    """Train until the schedule or the time limit ends; yields a log row every `log_every` steps and at the end.
+def train(trainer: Trainer, is_ending: Callable[[], bool] = lambda: False) -> Iterator[dict[str, float]]:
+    """Train until the schedule or the time limit ends, or `is_ending` in the first process, after which it saves.
+
+    Yields a log row every `log_every` steps and at the end.
 
     A row holds means over its steps. Skipped batches are counted in the column `skipped` and excluded from means.
     Raises OutputError if files cannot be written.
@@ -34,7 +36,7 @@ def train(trainer: Trainer) -> Iterator[dict[str, float]]:
         if math.isfinite(parts["gradient"]):
             window.append(parts)
         now = time.monotonic()
-        is_over = broadcast_from_first(now - start > 60 * (settings.max_minutes or math.inf))
+        is_over = broadcast_from_first(is_ending() or now - start > 60 * (settings.max_minutes or math.inf))
         if is_first() and now - drawn > 60 * settings.samples_every_minutes:
             monitor.draw_samples()
             drawn = now

@@ -121,6 +121,24 @@ def test_a_signal_waits_for_the_end_of_an_import(tmp_path: Path) -> None:
     assert (result.returncode, result.stdout, result.stderr) == (0, "imported\ninterrupted\n", "")
 
 
+def test_a_block_ends_in_its_own_way_before_a_signal_takes_effect() -> None:
+    program = (
+        "import os, signal\n"
+        "from fecosplat_cli.process import EndingSignals, ending_later\n"
+        "with EndingSignals() as signals:\n"
+        "    try:\n"
+        "        with ending_later() as is_ending:\n"
+        "            print(is_ending())\n"
+        "            os.kill(os.getpid(), signal.SIGTERM)\n"
+        "            print(is_ending(), signals.received)\n"
+        "        print('not reached')\n"
+        "    except SystemExit as end:\n"
+        "        print(end.code, signals.description)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, preexec_fn=heed_all)
+    assert (result.stdout, result.stderr) == ("False\nTrue None\n143 terminated\n", "")
+
+
 def heed_all() -> None:
     """Whoever runs the tests in the background has signals ignored, and children inherit that."""
     for number in LINES:

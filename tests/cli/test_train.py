@@ -4,6 +4,8 @@
 """
 
 import json
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +16,8 @@ from fecosplat_cli.train_options import overridden
 from fecocodec.model_files import DEFAULT_MODEL, SHIPPED
 from fecocodec.sender.distortion import PerceptualDistortion
 from fecocodec.training.configurations import CONFIGURATIONS, Configuration
+from fecocodec.training.run_files import newest_checkpoint
+from fecocodec.training.trainer import Trainer
 from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine
 
@@ -104,6 +108,25 @@ def test_a_run_is_resumed_with_its_own_options_alone(fecosplat: CommandLine, tmp
         assert f"last.pt: this run began with another {option}; give the first value again" in other.err
     more = fecosplat(*first, "--steps", "2")
     assert more.code == 0 and f"{tmp_path}/last.pt: resuming at step 1 of 2\n" in more.err
+
+
+def test_an_interrupted_run_saves_a_checkpoint_and_resumes_from_the_newest(
+    fecosplat: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = Trainer.train_step
+
+    def interrupted(trainer: Trainer) -> dict[str, float]:
+        os.kill(os.getpid(), signal.SIGINT)
+        return step(trainer)
+
+    arguments = ("train", tmp_path, "--steps", "3", "--views", "2", "--size", "64x64", "--scenes", "1")
+    with monkeypatch.context() as patched:
+        patched.setattr(Trainer, "train_step", interrupted)
+        result = fecosplat(*arguments)
+    assert result.code == 130 and result.err.endswith("fecosplat: interrupted\n")
+    (tmp_path / "last.pt").rename(tmp_path / "step_0000001.pt")
+    assert f"{tmp_path}/step_0000001.pt: resuming at step 1 of 3\n" in fecosplat(*arguments).err
+    assert newest_checkpoint(tmp_path) == tmp_path / "last.pt"
 
 
 EXTRACTOR = {
