@@ -9,7 +9,7 @@ from torch import nn
 from fecocodec.atomic import make_folder
 from fecocodec.sender.codec import Codec
 from fecocodec.training.configurations import Configuration
-from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
+from fecocodec.training.optimisation import SkippedSteps, build_optimiser, clipped_step, copy_of_weights, update_average
 from fecocodec.training.processes import broadcast_from_first, is_first
 from fecocodec.training.run_files import append_row, mean_of_rows
 from fecocodec.training.run_monitor import RunMonitor
@@ -24,7 +24,7 @@ def train(trainer: Trainer, is_ending: Callable[[], bool] = lambda: False) -> It
     Yields a log row every `log_every` steps and at the end.
 
     A row holds means over its steps. Skipped batches are counted in the column `skipped` and excluded from means.
-    Raises OutputError if files cannot be written.
+    Raises InputError if the training diverges, OutputError if files cannot be written.
     """
     settings, monitor = trainer.settings, RunMonitor(trainer)
     make_folder(settings.folder / "samples")
@@ -70,7 +70,7 @@ def train_alone(
 
     configuration: its schedule and its optimiser count. add_gradients: adds the gradients of one scene to those of the
     part, and returns columns of the log. Every `log_every` steps, yields the number of steps, the number skipped
-    because gradients were not finite, and means over scenes.
+    because gradients were not finite, and means over scenes. Raises InputError if the training diverges.
     """
     schedule, decay = configuration.schedule, configuration.optimiser.average_decay
     for network in (codec.sender, codec.receiver):
@@ -78,16 +78,14 @@ def train_alone(
     optimiser = build_optimiser(part.requires_grad_(True), configuration.optimiser)
     average = copy_of_weights(part)
     window: list[dict[str, float]] = []
-    num_skipped = 0
+    skipped = SkippedSteps()
     for step in range(schedule.num_steps):
         optimiser.zero_grad(set_to_none=True)
         window += [add_gradients() for _ in range(SCENES_OF_A_STEP)]
-        if math.isfinite(clipped_step(optimiser, part, schedule.learning_rate_at(step))):
+        if skipped.is_taken(clipped_step(optimiser, part, schedule.learning_rate_at(step))):
             update_average(average, part, decay, step)
-        else:
-            num_skipped += 1
         if (step + 1) % log_every == 0 or step + 1 == schedule.num_steps:
-            yield {"step": float(step + 1), "skipped": float(num_skipped)} | mean_of_rows(window)
+            yield {"step": float(step + 1), "skipped": float(skipped.num)} | mean_of_rows(window)
             window = []
     part.load_state_dict(average)
     part.requires_grad_(False)

@@ -10,6 +10,7 @@ from fecocodec.errors import InputError
 from fecocodec.training.processes import average_gradients
 
 LARGEST_GRADIENT = 1.0
+MOST_SKIPPED = 10  # successive steps, after which the training has diverged
 BACKBONE = "sender.extractor.pretrained."  # parameters of the pretrained monocular ViT
 SHARE = "learning_rate_share"  # of a parameter group
 
@@ -58,6 +59,30 @@ def clipped_step(optimiser: torch.optim.Optimizer, networks: nn.Module, learning
     if torch.isfinite(norm):
         optimiser.step()
     return float(norm)
+
+
+@dataclass
+class SkippedSteps:
+    """Counts the steps that were skipped because gradients were not finite: all, and the last ones in succession."""
+
+    num: int = 0
+    num_successive: int = 0
+
+    def is_taken(self, norm: float) -> bool:
+        """Return whether a step was taken, by the norm of its gradients.
+
+        Raises InputError if it is the last of MOST_SKIPPED successive steps that were not.
+        """
+        if math.isfinite(norm):
+            self.num_successive = 0
+            return True
+        self.num, self.num_successive = self.num + 1, self.num_successive + 1
+        if self.num_successive == MOST_SKIPPED:
+            raise InputError(
+                f"The training has diverged: the gradients of {MOST_SKIPPED} successive steps were not finite; "
+                "start it anew with a smaller `learning_rate`."
+            )
+        return False
 
 
 @dataclass(frozen=True)

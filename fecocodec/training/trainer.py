@@ -1,6 +1,5 @@
 """The trainer: networks, optimiser, averaged weights, and one optimisation step."""
 
-import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from fecocodec.training.configurations import RunSettings
 from fecocodec.training.initialisation import start_as_block_transform
 from fecocodec.training.loss import loss_of
 from fecocodec.training.model_weights import freeze, load_extractor, load_model_weights
-from fecocodec.training.optimisation import build_optimiser, clipped_step, copy_of_weights, update_average
+from fecocodec.training.optimisation import SkippedSteps, build_optimiser, clipped_step, copy_of_weights, update_average
 from fecocodec.training.processes import gather_states, is_first, process_rank, seeded_generator
 from fecocodec.training.run_files import append_lines, load_checkpoint, remove_rows_after, save_checkpoint
 from fecocodec.training.same_run import deciding_values, require_same_run
@@ -63,7 +62,7 @@ class Trainer:
         freeze(self.sender, self.receiver, configuration.frozen)
         self.optimiser = build_optimiser(self.networks, configuration.optimiser)
         self.generator = seeded_generator(settings.seed)  # from here on each process has its own noise
-        self.step, self.num_skipped, self.num_bad_scenes, self.seed = 0, 0, 0, settings.seed
+        self.step, self.skipped, self.num_bad_scenes, self.seed = 0, SkippedSteps(), 0, settings.seed
         self.extractor = ""  # fingerprint of the frozen extractor of the run that is resumed
         self.batches = BatchSource(sources, settings, self.generator)
 
@@ -107,7 +106,7 @@ class Trainer:
             self.optimiser.load_state_dict(saved["optimiser"])
             for name, value in self.average.items():
                 value.copy_(saved["average"][name])  # in place: the averaged weights stay on their device
-            self.step, self.num_skipped = saved["step"], saved["num_skipped"]
+            self.step, self.skipped = saved["step"], SkippedSteps(saved["num_skipped"])
             self.num_bad_scenes = saved.get("num_bad_scenes", 0)
             self.seed = saved.get("seed", self.seed)  # older checkpoints have none
             self.extractor = saved.get("extractor", "")
@@ -130,7 +129,7 @@ class Trainer:
             "average": self.average,
             "optimiser": self.optimiser.state_dict(),
             "step": self.step,
-            "num_skipped": self.num_skipped,
+            "num_skipped": self.skipped.num,
             "num_bad_scenes": self.num_bad_scenes,
             "seed": self.seed,
             "run": deciding_values(self.settings),
@@ -147,7 +146,7 @@ class Trainer:
     @property
     def counts(self) -> dict[str, float]:
         """Columns of the log: steps taken, steps skipped, scenes that could not be used."""
-        counts = {"step": self.step, "skipped": self.num_skipped, "bad_scenes": self.num_bad_scenes}
+        counts = {"step": self.step, "skipped": self.skipped.num, "bad_scenes": self.num_bad_scenes}
         return {name: float(count) for name, count in counts.items()}
 
     @property
@@ -155,7 +154,10 @@ class Trainer:
         return self.settings.device != "cpu"
 
     def train_step(self) -> dict[str, float]:
-        """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step."""
+        """Draw a batch, take one step and return the parts of the loss. Non-finite gradients skip the step.
+
+        Raises InputError if the training diverges, see `SkippedSteps`.
+        """
         configuration = self.settings.configuration
         batch, extracted = self.draw_batch()
         self._report_skipped(batch)
@@ -163,10 +165,8 @@ class Trainer:
         loss, parts = self._loss(batch, extracted)  # a learner adds to the gradients here
         loss.backward()
         norm = clipped_step(self.optimiser, self.networks, configuration.schedule.learning_rate_at(self.step))
-        if math.isfinite(norm):
+        if self.skipped.is_taken(norm):
             update_average(self.average, self.networks, configuration.optimiser.average_decay, self.step)
-        else:
-            self.num_skipped += 1
         self.step += 1
         return parts | {"loss": float(loss.detach()), "gradient": norm}
 

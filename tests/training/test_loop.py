@@ -10,13 +10,14 @@ import torch
 import torch.distributed as dist
 
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
-from fecocodec.errors import ModelError, OutputError
+from fecocodec.errors import InputError, ModelError, OutputError
 from fecocodec.sender.codec import load_codec
+from fecocodec.training import optimisation
 from fecocodec.training import trainer as trainer_module
 from fecocodec.training.batch import Batch
 from fecocodec.training.loop import train
 from fecocodec.training.model_weights import export_model
-from fecocodec.training.optimisation import Schedule
+from fecocodec.training.optimisation import Schedule, SkippedSteps
 from fecocodec.training.run_files import append_row, load_checkpoint, mean_of_rows, remove_rows_after, save_checkpoint
 from fecocodec.training.trainer import Trainer
 from tests.example_scenes import MODEL
@@ -101,7 +102,7 @@ def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path) -> None
     parts = it.train_step()
     hook.remove()
     assert parts["gradient"] != parts["gradient"]  # NaN
-    assert (it.step, it.num_skipped) == (1, 1)
+    assert (it.step, it.skipped.num) == (1, 1)
     assert changed(it.networks, before) == set()
 
 
@@ -172,6 +173,34 @@ def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypat
     (row,) = train(it)
     assert row["skipped"] == 1.0 and all(math.isfinite(value) for value in row.values())
     assert all(bool(value.isfinite().all()) for value in it.networks.state_dict().values())
+
+
+def test_a_run_that_diverges_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(optimisation, "MOST_SKIPPED", 2)
+    it = trainer(tmp_path)
+    it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
+    with pytest.raises(
+        InputError, match="the gradients of 2 successive steps were not finite; start it anew with a sm"
+    ):
+        list(train(it))
+    assert it.step == 1 and not it.checkpoint.exists()
+
+
+def test_only_successive_skipped_steps_end_a_run() -> None:
+    skipped = SkippedSteps()
+    taken = [skipped.is_taken(norm) for norm in [*[math.nan] * 9, 1.0, *[math.inf] * 9]]
+    assert taken.count(True) == 1 and skipped.num == 18
+    with pytest.raises(InputError, match="10 successive steps"):
+        skipped.is_taken(math.nan)
+
+
+def test_weights_that_are_not_finite_are_not_exported(finished: Trainer, tmp_path: Path) -> None:
+    saved = load_checkpoint(finished.checkpoint)
+    saved["average"]["receiver.prior.hyper_prior.weight"][:] = math.nan  # integers in the file, where NaN cannot be
+    save_checkpoint(tmp_path / "last.pt", saved)
+    with pytest.raises(ModelError, match=r"last\.pt: its weights are not finite; train anew"):
+        export_model(tmp_path / "last.pt", tmp_path / "model", finished.settings.configuration)
+    assert not (tmp_path / "model").exists()
 
 
 def test_starting_from_a_model_and_exporting_gives_the_model_again(random_weights: Path, tmp_path: Path) -> None:
