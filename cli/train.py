@@ -16,7 +16,7 @@ from .output import in_options, say, warn
 from .paths import require_new_model, require_output_folder
 from .process import ending_later
 from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
-from .train_verbs import detail, entropy, steps
+from .train_verbs import detail, entropy, export_graphs, steps
 
 if TYPE_CHECKING:
     from torch import nn
@@ -128,7 +128,6 @@ def command(
 
     from fecocodec.rendering.cuda import require_rendering_device
     from fecocodec.training.configurations import RunSettings, configuration_named
-    from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.loop import train
     from fecocodec.training.model_weights import export_model
     from fecocodec.training.processes import is_first, joined_processes, num_processes
@@ -175,7 +174,7 @@ def command(
         if model is not None and is_first():
             _require_finished(trainer.step, configuration.schedule.num_steps, model)
             export_model(trainer.checkpoint, model, replace(configuration, sender=trainer.sender.config), start)
-            export_receiver(model)
+            export_graphs(model)
 
 
 def _check_options(configuration: "Configuration", num_workers: int, extractor: tuple[Path, ...]) -> None:

@@ -14,6 +14,7 @@ from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, read_bytes
 from .options import FILE_PATH, device_option, threads_option, with_options
 from .output import say
 from .paths import require_model, require_new_model
+from .progress import progress_bar
 from .train_options import check_inputs, configuration_options, data_options, overridden, seed_option
 
 if TYPE_CHECKING:
@@ -198,10 +199,18 @@ def _say_rows(rows: Iterator[dict[str, float]]) -> None:
             say("  ".join(f"{name} {value:.4g}" for name, value in row.items()))
 
 
+def export_graphs(model: Path) -> None:
+    """Export the graphs of a model that was written, with progress: they take longer than anything else at its end."""
+    from fecocodec.training.graphs.export import export_receiver
+
+    say(f"{model}: the weights are written; exporting their graphs takes about three minutes")
+    with progress_bar() as on_progress:
+        export_receiver(model, on_progress)
+
+
 def _write(out: Path, codec: "Codec", receiver: bytes, graphs: Path | None = None) -> None:
     """Write a model. receiver: bytes of its file. graphs: folder of its graphs, None to export them."""
     from fecocodec.model_files import model_id_of
-    from fecocodec.training.graphs.export import export_receiver
     from fecocodec.training.model_weights import write_model
     from fecocodec.training.processes import is_first
 
@@ -209,7 +218,7 @@ def _write(out: Path, codec: "Codec", receiver: bytes, graphs: Path | None = Non
         return
     write_model(out, receiver, codec.sender)
     if graphs is None:
-        export_receiver(out)
+        export_graphs(out)
     elif graphs.exists():
         shutil.copytree(graphs, out / GRAPHS_FOLDER, dirs_exist_ok=True)
     say(f"{out}: model id {model_id_of(receiver).hex()}")

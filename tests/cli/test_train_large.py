@@ -56,7 +56,9 @@ def test_it_trains_and_encodes_from_the_command_line(
     fecosplat: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two steps, of which the second resumes; then a folder of photographs is coded with the exported model."""
-    monkeypatch.setattr("fecocodec.training.graphs.export.export_receiver", lambda folder: None)  # takes minutes
+    monkeypatch.setattr(
+        "fecocodec.training.graphs.export.export_receiver", lambda folder, on_progress: None
+    )  # takes minutes
     checkpoint, model = write_checkpoint(tmp_path / "base.pth"), tmp_path / "model"
     chunks = write_wall_chunks(tmp_path / "chunks", num_scenes=2, num_frames=4)
     start = write_small_model(tmp_path / "small")

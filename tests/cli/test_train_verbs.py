@@ -41,7 +41,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def exported(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Folders whose graphs were to be exported, which takes minutes."""
     folders: list[Path] = []
-    monkeypatch.setattr("fecocodec.training.graphs.export.export_receiver", folders.append)
+    monkeypatch.setattr(
+        "fecocodec.training.graphs.export.export_receiver", lambda folder, on_progress: folders.append(folder)
+    )
     return folders
 
 
@@ -55,6 +57,7 @@ def test_entropy_writes_a_model_with_another_prior(
     learned = changed(after.receiver, copied(before.receiver))
     assert learned and all(name.startswith("prior.") for name in learned)
     assert exported == [tmp_path / "out"]
+    assert f"{tmp_path / 'out'}: the weights are written; exporting their graphs takes about three" in result.err
 
 
 def test_steps_writes_a_sender_for_the_same_receiver(

@@ -15,6 +15,7 @@ from onnxscript import optimizer
 
 from fecocodec.atomic import make_folder, write_file
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
+from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.receiver.model import load_receiver
 from fecocodec.training.graphs.canonical import link_weights, make_canonical
 from fecocodec.training.graphs.exported_forms import sampled, with_exact_layers, with_exported_blocks
@@ -27,32 +28,37 @@ SUBSTITUTES = {torch.ops.aten.grid_sampler.default: sampled}  # for operators th
 GRAPHS = "graphs"  # folder of the graphs, beside the weights
 
 
-def export_receiver(folder: Path) -> None:
-    """Export all graphs of the receiver in a model's folder to its subfolder `graphs`.
+def export_receiver(folder: Path, on_progress: OnProgress = ignore_progress) -> None:
+    """Export all graphs of the receiver in a model's folder to its subfolder `graphs`, which takes minutes.
 
     Raises ModelError if the weights cannot be read, OutputError if the folder cannot be written.
     """
     path = folder / RECEIVER_FILE
     receiver, _ = load_receiver(path)
     graphs = network_graphs(with_exported_blocks(receiver)) | prior_graphs(with_exact_layers(receiver.prior))
-    write_graphs(graphs, path.read_bytes(), folder / GRAPHS)
+    write_graphs(graphs, path.read_bytes(), folder / GRAPHS, on_progress)
 
 
-def write_graphs(graphs: dict[str, Graph], weights: bytes, folder: Path) -> None:
+def write_graphs(
+    graphs: dict[str, Graph], weights: bytes, folder: Path, on_progress: OnProgress = ignore_progress
+) -> None:
     """Write graphs of a weights file as NAME.onnx, with its model id as metadata. Raises OutputError if that fails.
 
     The graphs are exported by one process per core. Equal weights give equal bytes. The main module of the program must
     be importable (`if __name__ == "__main__"`).
     """
     make_folder(folder)
+    on_progress("exporting the graphs", 0.0)
     with ProcessPoolExecutor(
         min(os.cpu_count() or 1, len(graphs)),
         mp_context=get_context("spawn"),
         initializer=torch.set_num_threads,
         initargs=(1,),
     ) as pool:
-        for name, content in zip(graphs, pool.map(export_graph, graphs, graphs.values(), repeat(weights)), strict=True):
+        contents = pool.map(export_graph, graphs, graphs.values(), repeat(weights))
+        for done, (name, content) in enumerate(zip(graphs, contents, strict=True), start=1):
             write_file(folder / f"{name}.onnx", content, overwrite=True)
+            on_progress("exporting the graphs", done / len(graphs))
 
 
 def export_graph(name: str, graph: Graph, weights: bytes) -> bytes:
