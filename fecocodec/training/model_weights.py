@@ -4,6 +4,7 @@ The file of a frozen receiver stays equal to the byte, and with it the model id:
 trained with it decode with the same receiver. Exported are averaged weights in fp16, the prior in integers.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from torch import nn
@@ -11,7 +12,7 @@ from torch import nn
 from fecocodec.atomic import make_folder, write_atomically
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE, load_into, model_id_of
 from fecocodec.config import LargeSenderConfig
-from fecocodec.errors import InputError, ModelError
+from fecocodec.errors import InputError, ModelError, some_of
 from fecocodec.model_files import read_bytes
 from fecocodec.receiver.model import Receiver, load_receiver, serialise_receiver
 from fecocodec.sender.codec import adopt_codec, load_frozen_extractor, load_sender, serialise_sender
@@ -31,10 +32,29 @@ def load_model_weights(sender: Sender, receiver: Receiver, model: Path) -> None:
 
     A sender keeps the initial weights of its step networks if the model has none, and does without them if it has none
     itself. The detail layer is left out: it is fitted to a trained receiver.
-    Raises ModelError if the model is missing or has other sizes.
+    Raises ModelError if the model is missing, or if the networks of its configuration are others.
     """
     released, model_id = load_receiver(model / RECEIVER_FILE)
     trained = load_sender(model / SENDER_FILE, released.config, model_id)
+    try:
+        _copy_weights(sender, receiver, trained, released, model)
+    except ModelError as error:
+        pairs = ((released.config, receiver.config), (trained.config, sender.config))
+        changes = [change for configs in pairs for change in _changes(*map(vars, configs))]
+        if not changes:
+            raise
+        reason = next((change for change in changes if change.startswith("method ")), some_of(changes))
+        raise ModelError(
+            f"{model}: the model was made with {reason}; name another model, or choose its `configuration`."
+        ) from error
+
+
+def _changes(theirs: Mapping[str, object], ours: Mapping[str, object]) -> list[str]:
+    """Return in words the values that differ of the names in both."""
+    return [f"{name} {theirs[name]}, not {value}" for name, value in ours.items() if theirs.get(name, value) != value]
+
+
+def _copy_weights(sender: Sender, receiver: Receiver, trained: Sender, released: Receiver, model: Path) -> None:
     known = receiver.state_dict()
     load_into(
         receiver, {n: v for n, v in released.state_dict().items() if n in known or not n.startswith(DETAIL)}, model

@@ -9,12 +9,14 @@ import torch
 import fecocodec
 from benchmarks.small_ablations import start_variant_from
 from fecocodec.checkpoint import RECEIVER_FILE, SENDER_FILE
-from fecocodec.config import PAPER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
+from fecocodec.config import PAPER, PAPER_RECEIVER, CodecConfig, PaperSenderConfig, ReceiverConfig, SenderConfig
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.gaussians import Gaussians
+from fecocodec.receiver.model import Receiver
 from fecocodec.sender.codec import load_codec
+from fecocodec.sender.model import Sender
 from fecocodec.training.chunk_scenes import ChunkScenes
-from fecocodec.training.model_weights import export_model
+from fecocodec.training.model_weights import export_model, load_model_weights
 from fecocodec.training.optimisation import Schedule
 from fecocodec.training.run_files import save_checkpoint
 from fecocodec.training.sources import Sources
@@ -94,6 +96,17 @@ def test_back_to_the_compact_extractor(sources: Sources, random_weights: Path, t
     data = fecocodec.encode(example_views(2), effort="fast", model=again)
     first, second = decoded_by(paper, data), decoded_by(again, data)
     assert first.count > 0 and torch.equal(first.means, second.means)
+
+
+@pytest.mark.parametrize(
+    ("config", "reason"),
+    [(PAPER_RECEIVER, "method compact, not paper"), (ReceiverConfig(synthesis_depth=3), "synthesis_depth 2, not 3")],
+)
+def test_a_model_of_other_networks_is_refused_with_what_differs(
+    random_weights: Path, config: ReceiverConfig, reason: str
+) -> None:
+    with pytest.raises(ModelError, match=f"{MODEL}: the model was made with {reason}; name another model, or choose"):
+        load_model_weights(Sender(SenderConfig(), config), Receiver(config), random_weights / MODEL)
 
 
 def test_refusals(sources: Sources, random_weights: Path, tmp_path: Path) -> None:
