@@ -5,7 +5,7 @@ Scores come from streams that are encoded and decoded.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from statistics import fmean
 
@@ -50,6 +50,9 @@ class ValidationRow:
     bpp: float
     psnr: float
     st_lpips: float
+
+
+VALIDATION_HEADER = "\t".join(("step", *(field.name for field in fields(ValidationRow))))
 
 
 def draw_validation_scenes(source: SampleSource, shape: BatchShape, num_scenes: int) -> tuple[Sample, ...]:
@@ -176,7 +179,7 @@ class RunMonitor:
     def validate(self) -> dict[str, float]:
         """Measure the validation scenes with the averaged weights, if there are any; returns columns of the log.
 
-        Only the first process measures. Scores by lambda go to `validation.txt`.
+        Only the first process measures. Scores by lambda go to `validation.txt`, separated by tabs.
         """
         trainer, settings = self.trainer, self.trainer.settings
         configuration = settings.configuration
@@ -190,7 +193,9 @@ class RunMonitor:
         with weights_replaced(trainer.networks, trainer.average):
             codec = Codec(trainer.sender, trainer.receiver, bytes(MODEL_ID_BYTES))  # an id that no model has
             rows = validate(codec, self._validation_scenes, configuration.lambda_q_range)
-        append_lines(settings.folder / "validation.txt", tuple(f"step {trainer.step}  {row}" for row in rows))
+        table = settings.folder / "validation.txt"
+        lines = tuple("\t".join(f"{value:.6g}" for value in (trainer.step, *astuple(row))) for row in rows)
+        append_lines(table, lines if table.exists() else (VALIDATION_HEADER, *lines))
         return means_of(rows)
 
     def draw_samples(self) -> Path:

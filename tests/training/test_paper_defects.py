@@ -222,7 +222,11 @@ def test_validation_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> 
         "last.pt", "step_0000001.pt", "step_0000002.pt",
     }  # fmt: skip
     lines = (tmp_path / "run" / "validation.txt").read_text().splitlines()
-    assert len(lines) == 3 and lines[-1].startswith("step 2  ValidationRow(lmbda=0.001")
+    header, *values = (line.split("\t") for line in lines)
+    assert header == ["step", "lmbda", "bpp", "psnr", "st_lpips"] and len(values) == 3
+    last = dict(zip(header, map(float, values[-1]), strict=True))
+    assert last["step"] == 2 and last["lmbda"] == pytest.approx(1e-3, rel=0.01)
+    assert last["psnr"] == pytest.approx(rows[0]["val_psnr"], rel=1e-5)
 
 
 # 9: the published checkpoint that has coarser features
