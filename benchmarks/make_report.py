@@ -33,13 +33,10 @@ def main() -> None:
         arguments.root, arguments.index, arguments.model, arguments.work, arguments.output, arguments.entries
     )
     begin = perf_counter()
-    try:
-        failures = make_report(
-            quick(plan) if arguments.quick else plan,
-            lambda study: print(f"{perf_counter() - begin:7.1f} s  {study}", flush=True),
-        )
-    except FecoError as error:
-        raise SystemExit(f"{error}") from error
+    failures = make_report(
+        quick(plan) if arguments.quick else plan,
+        lambda study: print(f"{perf_counter() - begin:7.1f} s  {study}", flush=True),
+    )
     print(f"{perf_counter() - begin:7.1f} s  done: {plan.output / 'report.md'}")
     if failures:
         raise SystemExit("\n".join(failures))
