@@ -4,7 +4,7 @@
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	$$python -c 'import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' >/dev/null 2>&1 \
 	&& { echo $$python; break; }; done)
-# The CPU build of torch; where its index cannot be reached, the build of pip's own one. CUDA: make demo TORCH_INDEX=
+# The CPU build of torch; where its index cannot be reached, that of pip's default index. CUDA: make demo TORCH_INDEX=
 TORCH ?= torch==2.13.0
 TORCH_INDEX ?= --retries 1 --index-url https://download.pytorch.org/whl/cpu
 
@@ -92,11 +92,11 @@ bench-systems: $(READY) ## parameters, time and memory of every system, beside t
 
 # What commands read exists, before the environment is made.
 scenes-given:
-	@test -d "$(ROOT)" || { echo "ROOT=$(ROOT): no such folder of scenes; write make $(MAKECMDGOALS) ROOT=folder INDEX=index.json." >&2; exit 1; }
-	@test -f "$(INDEX)" || { echo "INDEX=$(INDEX): no such file; write make $(MAKECMDGOALS) ROOT=folder INDEX=index.json." >&2; exit 1; }
+	@test -d "$(ROOT)" || { echo "ROOT=$(ROOT): no such folder of scenes; write ROOT=folder INDEX=index.json." >&2; exit 1; }
+	@test -f "$(INDEX)" || { echo "INDEX=$(INDEX): no such file; write ROOT=folder INDEX=index.json." >&2; exit 1; }
 
 photographs-given:
-	@test -d "$(PHOTOGRAPHS)" || { echo "PHOTOGRAPHS=$(PHOTOGRAPHS): no such folder of posed scenes; write make train PHOTOGRAPHS=folder." >&2; exit 1; }
+	@test -d "$(PHOTOGRAPHS)" || { echo "PHOTOGRAPHS=$(PHOTOGRAPHS): no such folder of posed scenes; write PHOTOGRAPHS=folder." >&2; exit 1; }
 
 report: scenes-given $(READY) ## the generated part of docs/report.md and its charts: make report ROOT=scenes INDEX=index.json [REPORT=--quick]
 	$(TUNED) $(BIN)/python benchmarks/make_report.py "$(ROOT)" "$(INDEX)" $(REPORT)

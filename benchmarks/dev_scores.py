@@ -32,10 +32,9 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=256, help="image side in pixels  [default: 256]")
     parser.add_argument("--device", default="cpu", help="as for `fecosplat encode`  [default: cpu]")
     arguments = parser.parse_args()
-    usable = [e for e in read_index(arguments.index) if e.guide or not arguments.guided]
-    if not usable:
-        raise InputError(f"{arguments.index}: no entry has `guide`, the frames that teach; leave out --guided.")
-    entries = choose_entries(usable, arguments.views, None, arguments.index)
+    entries = choose_entries(read_index(arguments.index), arguments.views, None, arguments.index)
+    if arguments.guided and not (entries := tuple(entry for entry in entries if entry.guide)):
+        raise InputError(f"{arguments.index}: no entry with {arguments.views} views has `guide`; leave out --guided.")
     codec = load_codec(arguments.model, arguments.device)
     size = (arguments.size, arguments.size)
     print("lambda\tKiB\tPSNR\tSSIM\tST-LPIPS\tLPIPS\tcontext PSNR\tGaussians\tby kind")

@@ -2,7 +2,7 @@
 
 Usage: python read_gaussians.py FILE MODEL OUTPUT
 MODEL is a folder with the receiver's weights file, `receiver.safetensors`, and a folder `graphs` (section 9.3). OUTPUT
-gets rows of 23 float32 values as in vectors/README.md, but of every Gaussian; 38 for models of the method `paper`.
+gets rows of float32 values as in vectors/README.md, but of every Gaussian: 11, and 3 for each coefficient.
 It needs NumPy, onnxruntime, read_stream.py and read_symbols.py. Section numbers in docstrings are those of FORMAT.md.
 It shares no code with the product, so that differences between the two reveal errors.
 """
@@ -99,14 +99,10 @@ def by_step(y_hat: read_symbols.Array) -> Arrays:
 
 
 def nearest(points: np.ndarray, count: int) -> np.ndarray:
-    """Section 9.1: the numbers of the nearest points of each point, the point itself first."""
-    points = np.where(np.isfinite(points).all(axis=1)[:, None], points, 0.0).astype(np.float64)
-    found = []
-    for number, point in enumerate(points):
-        distance = np.square(points - point).sum(axis=1)
-        distance[number] = -1.0
-        found.append(np.argsort(distance, kind="stable")[:count])
-    return np.array(found)
+    """Section 9.1: the numbers of the nearest points of each point."""
+    points = np.where(np.isfinite(points).all(axis=1)[:, None], points, np.float32(0.0))
+    distances = (np.square(points - point).sum(axis=1) for point in points)
+    return np.array([np.argsort(distance, kind="stable")[:count] for distance in distances])
 
 
 def attributes(
@@ -202,8 +198,11 @@ def main(arguments: list[str]) -> int:
     try:
         rows = read(Path(arguments[1]).read_bytes(), Path(arguments[2]))
         Path(arguments[3]).write_bytes(rows.tobytes())
-    except (OSError, read_stream.RefusedError) as error:
+    except read_stream.RefusedError as error:
         print(f"{arguments[1]}: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"{error.filename}: cannot be opened ({error.strerror}); check the path.", file=sys.stderr)
         return 1
     print(f"{len(rows)} Gaussians")
     return 0

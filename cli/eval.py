@@ -148,7 +148,7 @@ def command(
         _print_report(report)
     if (entries := report.doubtful) and shard is None:
         place = output / "entries.tsv"
-        warn(f"{place}: {len(entries)} entries have warnings ({some_of(entries)}); see the column warnings.")
+        warn(f"{place}: warnings at {len(entries)} of the entries ({some_of(entries)}); see its column `warnings`.")
     if report.failures:
         for failure in report.failures:
             warn(f"{failure.entry}, {failure.system}, {failure.setting}: {failure.error}")
@@ -185,7 +185,7 @@ def _print_report(report: "Report") -> None:
     if report.averages and all(row.lpips is None for row in report.averages):
         say(NO_LPIPS)
     for found in report.comparisons:
-        rate = f"less than {LEAST_OVERLAP_DB:g} dB of PSNR in common"
-        rate = rate if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
+        few = f"less than {LEAST_OVERLAP_DB:g} dB of PSNR in common"
+        rate = few if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
         gain = "no common rate" if found.bd_psnr is None else f"{found.bd_psnr:+.2f} dB at equal bytes"
         say(f"fecosplat against {found.baseline}: {rate}, {gain}")

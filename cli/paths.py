@@ -35,7 +35,10 @@ def require_new_model(folder: Path) -> None:
     """Raise OutputError if a model cannot be written to a folder, or if one is there: files need its receiver."""
     require_output_folder(folder)
     if any((folder / name).exists() for name in (RECEIVER_FILE, SENDER_FILE)):
-        raise OutputError(f"{folder}: this folder holds a model already; choose another output path.")
+        raise OutputError(
+            f"{folder}: this folder holds a model already; choose another output path, or delete what an interrupted "
+            "export left."
+        )
 
 
 def require_photographs(folder: Path) -> None:

@@ -116,7 +116,7 @@ def command(
     **overrides: Any,
 ) -> None:
     """Train the networks. FOLDER receives the checkpoint last.pt, log.csv and samples/; training resumes from its
-    newest checkpoint if there is one. Ctrl-C and SIGTERM save one.
+    checkpoint if there is one. Ctrl-C and SIGTERM save one.
 
     Start several processes with torchrun, as in the last example, for data-parallel training. Verbs train one part of
     a finished model.
@@ -131,7 +131,7 @@ def command(
     from fecocodec.training.loop import train
     from fecocodec.training.model_weights import export_model
     from fecocodec.training.processes import is_first, joined_processes, num_processes
-    from fecocodec.training.run_files import LOG_COLUMNS, newest_checkpoint
+    from fecocodec.training.run_files import LOG_COLUMNS
     from fecocodec.training.same_run import fingerprint
     from fecocodec.training.sources import open_sources
     from fecocodec.training.trainer import Trainer
@@ -153,10 +153,10 @@ def command(
             },
         )  # fmt: skip
         trainer = Trainer(settings, sources)
-        if (checkpoint := newest_checkpoint(folder)) is not None:
-            trainer.resume(checkpoint)
+        if trainer.checkpoint.exists():
+            trainer.resume(trainer.checkpoint)
             if is_first():
-                say(f"{checkpoint}: {_state(trainer.step, configuration.schedule.num_steps)}")
+                say(f"{trainer.checkpoint}: {_state(trainer.step, configuration.schedule.num_steps)}")
         elif start is not None:
             trainer.start_from(start)
         if is_first():

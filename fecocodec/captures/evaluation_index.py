@@ -46,7 +46,9 @@ def _object(path: Path, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         name = Counter(name for name, _ in pairs).most_common(1)[0][0]
-        raise InputError(f"{path}: the name {name} is there twice; remove one, or name it {name}/second.")
+        raise InputError(
+            f"{path}: the name {name} is there twice; remove one, or give entries labels, as in scene/second."
+        )
     return found
 
 

@@ -27,7 +27,7 @@ from fecocodec.rendering.rasterizer import render
 
 PAIR_SIZE = (256, 256)  # (height, width) of the usual two-view protocol
 SEVERAL_SIZE = (256, 448)  # (height, width) of the usual protocol with more views
-_DIGESTED_BYTES = 1 << 20  # of each file of a scene
+_DIGESTED_BYTES = 1 << 16  # of each file of a scene
 
 
 def protocol_size(num_context: int) -> tuple[int, int]:
@@ -58,8 +58,8 @@ class EntryReader:
         return found.select([once.index(frame) for frame in frames])
 
     def digest(self, entry: IndexEntry) -> str:
-        """Return a digest of the entry's frames, and of their photographs and cameras in chunks, or else of all files
-        in the folder of the scene: their names, sizes and first _DIGESTED_BYTES.
+        """Return a digest of the entry's frames, and of their photographs and cameras in chunks, or else of the
+        files that `walk` finds in the folder of the scene: their names, sizes and first _DIGESTED_BYTES.
         """
         digest = sha256(repr((entry.context, entry.target, entry.guide)).encode())
         if self.chunks is not None:

@@ -77,7 +77,7 @@ def measure_all(
     """Run the measurements that `records` does not contain yet for these inputs, and yield all measurements.
 
     read: reads the views of an entry. model: label of the weights, part of the key of a measurement. draw: called after
-    each new measurement. device: whose peak memory is measured. A failure is recorded with its error and does not
+    each new measurement. device: whose peak memory is measured. A failure is yielded with its error, and does not
     affect other measurements. Systems that learn from guides are measured on entries with guides only.
     """
     for entry in entries:

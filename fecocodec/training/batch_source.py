@@ -4,6 +4,7 @@ With a frozen extractor, matching and F1 of a batch never change. Computing them
 batches are kept with them; a share of the steps draws a new batch, which replaces the oldest one.
 """
 
+import signal
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -104,6 +105,11 @@ class BatchesByStep(Dataset[Batch | str]):
             return str(error)
 
 
+def _outlive_signals(_worker: int) -> None:
+    """Let a drawing process outlive a SIGTERM to its group: the training process still needs it to end its step."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
 def batches_from(dataset: BatchesByStep, first_step: int, num_workers: int, device: str) -> Iterator[Batch]:
     """Yield the batches from `first_step` to the last step, drawn by worker processes.
 
@@ -115,6 +121,7 @@ def batches_from(dataset: BatchesByStep, first_step: int, num_workers: int, devi
         sampler=range(first_step, dataset.configuration.schedule.num_steps),
         num_workers=num_workers,
         prefetch_factor=PREFETCHED,
+        worker_init_fn=_outlive_signals,
     )
     for batch in loader:
         if isinstance(batch, str):

@@ -49,11 +49,12 @@ def train(trainer: Trainer, is_ending: Callable[[], bool] = lambda: False) -> It
                 append_row(trainer.log, row)
                 yield row
         is_due = broadcast_from_first(now - saved > 60 * settings.save_every_minutes)
-        if is_due or is_over:
+        is_kept = trainer.step % settings.keep_every == 0
+        if is_kept:
+            trainer.save(settings.folder / f"step_{trainer.step:07}.pt")
+        if is_due or is_over or is_kept:
             trainer.save(trainer.checkpoint)
             saved = now
-        if trainer.step % settings.keep_every == 0:
-            trainer.save(settings.folder / f"step_{trainer.step:07}.pt")
         if is_over:
             return
     trainer.save(trainer.checkpoint)

@@ -133,7 +133,9 @@ def export_networks(
     """
     average = load_checkpoint(checkpoint)["average"]
     if not all(bool(value.isfinite().all()) for value in average.values()):
-        raise ModelError(f"{checkpoint}: its weights are not finite; train anew with a smaller `learning_rate`.")
+        raise ModelError(
+            f"{checkpoint}: its weights are not finite; train in another folder with a smaller `learning_rate`."
+        )
     for name, network in (("receiver.", receiver), ("sender.", sender)):
         network.load_state_dict({k.removeprefix(name): v for k, v in average.items() if k.startswith(name)})
     receiver_bytes = serialise_receiver(receiver) if receiver_file is None else read_bytes(receiver_file)

@@ -80,7 +80,7 @@ class SkippedSteps:
         if self.num_successive == MOST_SKIPPED:
             raise InputError(
                 f"The training has diverged: the gradients of {MOST_SKIPPED} successive steps were not finite; "
-                "start it anew with a smaller `learning_rate`."
+                "train in another folder with a smaller `learning_rate`."
             )
         return False
 

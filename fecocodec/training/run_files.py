@@ -28,12 +28,6 @@ def save_checkpoint(path: Path, contents: dict[str, Any]) -> None:
         ) from error
 
 
-def newest_checkpoint(folder: Path) -> Path | None:
-    """Return the checkpoint of a run that was written last, `last.pt` or `step_*.pt`; None if there is none."""
-    found = [*folder.glob("step_*.pt"), *folder.glob("last.pt")]
-    return max(found, key=lambda path: path.stat().st_mtime, default=None)
-
-
 def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a file of `save_checkpoint`. Raises ModelError for anything else."""
     if path.exists() and not path.is_file():

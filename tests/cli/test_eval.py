@@ -63,8 +63,8 @@ def test_curves_with_little_in_common_are_not_said_to_have_nothing(printed: Call
 
 def test_entries_with_warnings_are_named(printed: Callable[..., Result]) -> None:
     found = printed(Report((), (), (), doubtful=("a", "b", "c", "d", "e")))
-    assert "entries.tsv: 5 entries have warnings (a, b, c and 2 more); see the column warnings." in found.err
-    assert "have warnings" not in printed(Report((), (), ())).err + found.out
+    assert "entries.tsv: warnings at 5 of the entries (a, b, c and 2 more); see its column `warnings`." in found.err
+    assert "warnings at" not in printed(Report((), (), ())).err + found.out
 
 
 def test_external_results_are_listed_below_ours(printed: Callable[..., Result], tmp_path: Path) -> None:

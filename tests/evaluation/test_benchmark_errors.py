@@ -15,7 +15,7 @@ ONE_PAIR = '{"a": {"context": [0, 2], "target": [1]}}'
     [
         ("dev_scores.py", "index.jsn", (), r"index\.jsn: cannot be read"),
         ("dev_scores.py", "index.json", ("--views", "3"), r"index\.json: has no entry with 3 context views"),
-        ("dev_scores.py", "index.json", ("--guided",), r"index\.json: no entry has `guide`"),
+        ("dev_scores.py", "index.json", ("--guided",), r"index\.json: no entry with 2 views has `guide`"),
         ("make_report.py", "index.json", (), r"scenes: there is no such folder"),
     ],
 )
