@@ -102,7 +102,7 @@ def test_help_says_which_file_names_the_pairs(fecosplat: CommandLine) -> None:
 
 @pytest.mark.parametrize("case", [
     Case(("entropy", "nowhere", "out"), "nowhere: there is no such folder; name the folder of a model."),
-    Case(("entropy", "{model}", "{model}"), "{model}: this folder holds a model already; choose another output path."),
+    Case(("entropy", "{model}", "{model}"), "{model}: this folder holds a model already; choose another output path, "),
     Case(("steps", "{model}", "{model}/sender.safetensors"), "this is not a folder; choose another output path."),
     Case(("steps", "{model}", "out", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
     Case(("steps", "{model}", "out", "--photograph-share", "2"), "The share of photographs is (2.0, 2.0); give two"),

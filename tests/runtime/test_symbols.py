@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from fecocodec.coding.detail import decode_detail, detail_size
+from fecocodec.coding.detail import decode_detail, detail_size, detail_values
 from fecocodec.coding.quadtree import from_coding_order
 from fecocodec.container import Stream, check_symbol_digest, read_stream
 from fecocodec.errors import BitstreamError, ModelError
@@ -76,4 +76,6 @@ def test_a_faulty_stream_is_refused_with_the_same_sentence(name: str) -> None:
 
 def decode_all(stream: Stream) -> None:
     decode_symbols(stream, 1)
-    decode_detail_symbols(stream, 1)
+    if stream.detail is not None:
+        tables = graphs_for(stream.header.model_id, 1).bytes_tensor("detail.tables")
+        detail_values(tables, stream.detail, stream.header)

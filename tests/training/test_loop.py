@@ -180,7 +180,7 @@ def test_a_run_that_diverges_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     it = trainer(tmp_path)
     it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
     with pytest.raises(
-        InputError, match="the gradients of 2 successive steps were not finite; start it anew with a sm"
+        InputError, match="the gradients of 2 successive steps were not finite; train in another folder with a sm"
     ):
         list(train(it))
     assert it.step == 1 and not it.checkpoint.exists()
@@ -198,7 +198,7 @@ def test_weights_that_are_not_finite_are_not_exported(finished: Trainer, tmp_pat
     saved = load_checkpoint(finished.checkpoint)
     saved["average"]["receiver.prior.hyper_prior.weight"][:] = math.nan  # integers in the file, where NaN cannot be
     save_checkpoint(tmp_path / "last.pt", saved)
-    with pytest.raises(ModelError, match=r"last\.pt: its weights are not finite; train anew"):
+    with pytest.raises(ModelError, match=r"last\.pt: its weights are not finite; train in another"):
         export_model(tmp_path / "last.pt", tmp_path / "model", finished.settings.configuration)
     assert not (tmp_path / "model").exists()
 
