@@ -210,10 +210,8 @@ class SceneEncoder:
         if self.cut_out is not None:
             is_covered = self.cut_out.is_covered.flatten().to(self.images.dtype)
             visibility = is_covered if visibility is None else is_covered * visibility
-        is_filled = is_filled and self.is_filled
-        emission = Emission(visibility, has_fitted_colours=has_fitted_colours, is_filled=is_filled)
-        cameras = self.cameras.scene(scene).as_batch()
-        return emit(prediction.scene(scene), cameras, self.codec.receiver.config, emission)
+        emission = Emission(visibility, has_fitted_colours=has_fitted_colours, is_filled=is_filled and self.is_filled)
+        return emit(prediction.scene(scene), self.cameras.scene(scene).as_batch(), self.codec.receiver.config, emission)
 
     @property
     def is_filled(self) -> bool:
