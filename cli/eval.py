@@ -185,7 +185,7 @@ def _print_report(report: "Report") -> None:
     if report.averages and all(row.lpips is None for row in report.averages):
         say(NO_LPIPS)
     for found in report.comparisons:
-        few = f"less than {LEAST_OVERLAP_DB:g} dB of PSNR in common"
-        rate = few if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
+        none = f"less than {LEAST_OVERLAP_DB:g} dB of PSNR in common"
+        rate = none if found.bd_rate is None else f"{found.bd_rate:+.1f}% bytes at equal PSNR"
         gain = "no common rate" if found.bd_psnr is None else f"{found.bd_psnr:+.2f} dB at equal bytes"
         say(f"fecosplat against {found.baseline}: {rate}, {gain}")

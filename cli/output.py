@@ -37,24 +37,13 @@ def verbosity() -> Verbosity:
 
 
 # Arguments of the library, which its messages name in backticks, and the options with that meaning.
+_NAMED_ALIKE = """views size near far background masks overwrite effort device sharpness stages photographs shard strict
+guides checks frames focal_px save_cameras save_frames max_pixels extractor_weights seed textures precision
+learning_rate lambda_range photograph_share optimised_share perceptual perceptual_weight"""
 _OPTIONS = {
-    **{
-        name: f"--{name}"
-        for name in ("views", "size", "near", "far", "background", "masks", "overwrite", "effort", "device")
-    },
-    "sharpness": "--sharpness",
-    **{name: f"--{name}" for name in ("stages", "photographs", "shard", "strict")},
-    "guides": "--guides",
-    "checks": "--checks",
-    "frames": "--frames",
-    "focal_px": "--focal-px",
-    "save_cameras": "--save-cameras",
-    "save_frames": "--save-frames",
-    "masks=unused": "--masks unused",
-    "max_pixels": "--max-pixels",
+    **{name: f"--{name.replace('_', '-')}" for name in _NAMED_ALIKE.split()},
     "view_shares": "--views",
     "frozen": "--freeze",
-    "extractor_weights": "--extractor-weights",
     "num_scenes": "--scenes",
     "num_target": "--targets",
     "sizes": "--size",
@@ -63,12 +52,8 @@ _OPTIONS = {
     "kept_batches": "--keep",
     "start": "--from",
     "configuration": "--config",
-    **{
-        name: f"--{name.replace('_', '-')}"
-        for name in ("seed", "textures", "precision", "learning_rate", "lambda_range", "photograph_share")
-    },
     "disparity_weight": "--depth-weight",
-    **{name: f"--{name.replace('_', '-')}" for name in ("perceptual", "perceptual_weight", "optimised_share")},
+    "masks=unused": "--masks unused",
     'stages="intact"': "decode --partial",
     "stages=1": "--stages 1",
     "spz_version=3": "--spz-version 3",

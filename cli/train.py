@@ -145,6 +145,7 @@ def command(
             folder, configuration, max_minutes or _default_minutes(configuration), seed, own_device,
             num_workers=num_workers, validate_every=validate_every, keep_every=keep_every,
             origin={
+                "configuration": name,
                 "seed": str(seed),
                 "photographs": fingerprint(photographs),
                 "textures": fingerprint(textures),

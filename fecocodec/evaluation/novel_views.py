@@ -10,7 +10,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from fecocodec.camera_files.camera_names import walk
 from fecocodec.camera_files.chunks import ChunkFolder, is_chunk_folder
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.captures.scene_folder import read_views
@@ -18,7 +17,7 @@ from fecocodec.errors import InputError
 from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.geometry.views import Views, joined
-from fecocodec.input_file import first_bytes
+from fecocodec.input_file import input_digest
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.rendering.lpips import is_lpips_there, lpips_vgg
 from fecocodec.rendering.metrics import psnr, ssim
@@ -27,7 +26,6 @@ from fecocodec.rendering.rasterizer import render
 
 PAIR_SIZE = (256, 256)  # (height, width) of the usual two-view protocol
 SEVERAL_SIZE = (256, 448)  # (height, width) of the usual protocol with more views
-_DIGESTED_BYTES = 1 << 16  # of each file of a scene
 
 
 def protocol_size(num_context: int) -> tuple[int, int]:
@@ -58,8 +56,8 @@ class EntryReader:
         return found.select([once.index(frame) for frame in frames])
 
     def digest(self, entry: IndexEntry) -> str:
-        """Return a digest of the entry's frames, and of their photographs and cameras in chunks, or else of the
-        files that `walk` finds in the folder of the scene: their names, sizes and first _DIGESTED_BYTES.
+        """Return a digest of the entry's frames, and of their photographs and cameras in chunks, else of all files of
+        the scene. Raises InputError if one cannot be read.
         """
         digest = sha256(repr((entry.context, entry.target, entry.guide)).encode())
         if self.chunks is not None:
@@ -70,10 +68,7 @@ class EntryReader:
             for array in arrays:
                 digest.update(array.tobytes())
         else:
-            folder = _folder(self.root, entry)
-            for path in filter(Path.is_file, walk(folder)):
-                digest.update(repr((path.relative_to(folder).as_posix(), path.stat().st_size)).encode())
-                digest.update(first_bytes(path, _DIGESTED_BYTES))
+            digest.update(input_digest(_folder(self.root, entry)).encode())
         return digest.hexdigest()[:16]
 
 

@@ -215,8 +215,8 @@ class RunSettings:
     max_minutes: save and stop after this time; None for no limit. device: where the networks run, `cpu` or `cuda:N`;
     batches are drawn on the CPU. num_workers: processes that draw batches ahead; with 0 the training process does.
     validate_every, keep_every: steps between validations, and between checkpoints that are kept, with a number.
-    validation_scenes: number of validation scenes. origin: seed and digests of the inputs, by argument, that a run must
-    have again to be resumed.
+    validation_scenes: number of validation scenes. origin: name of the configuration, seed and digests of the inputs,
+    which a run must have again to be resumed.
     """
 
     folder: Path

@@ -11,12 +11,7 @@ from fecocodec.model_files import RECEIVER_FILE, SENDER_FILE
 from fecocodec.training.configurations import RunSettings
 
 NUM_STEPS = "schedule.num_steps"  # a run may be made longer
-# Fields with an option of their own; any other is of a named configuration.
-_OPTIONS = {
-    "seed", "photographs", "textures", "start", "extractor_weights", "num_scenes", "view_shares", "num_target", "sizes",
-    "one_stage_until", "bypass_until", "learning_rate", "photograph_share", "disparity_weight", "lambda_range",
-    "perceptual", "perceptual_weight", "optimised_share", "precision", "frozen", "kept_batches",
-}  # fmt: skip
+CONFIGURATION = "configuration"  # its name, on which all other fields depend
 
 
 def deciding_values(settings: RunSettings) -> dict[str, object]:
@@ -35,8 +30,8 @@ def require_same_run(saved: Mapping[str, object], settings: RunSettings, checkpo
     changed = [name.rpartition(".")[2] for name in own if name in saved and own[name] != saved[name]]
     if not changed:
         return
-    names = dict.fromkeys(f"`{name}`" for name in changed)
-    options = tuple(names) if _OPTIONS.issuperset(changed) else ("`configuration`",)
+    names = dict.fromkeys([CONFIGURATION] if CONFIGURATION in changed else changed)
+    options = tuple(f"`{name}`" for name in names)
     raise InputError(
         f"{checkpoint}: this run began with another {some_of(options, 8)}; give the first value again, or train in "
         "another folder."

@@ -13,7 +13,7 @@ COMPACT, PAPER = configuration_named("compact"), configuration_named("paper-re10
 CHECKPOINT = Path("run/last.pt")
 
 
-def settings(configuration: Configuration, **origin: str) -> RunSettings:
+def settings(configuration: Configuration, /, **origin: str) -> RunSettings:
     return RunSettings(Path("run"), configuration, None, origin=origin)
 
 
@@ -29,7 +29,7 @@ def scheduled(**changes: object) -> Configuration:
         (settings(PAPER), settings(replace(PAPER, distortion=PAPER.with_perceptual("none"))), "`perceptual`"),
         (settings(COMPACT, seed="1", start="a"), settings(COMPACT, seed="2", start="b"), "`seed`, `start`"),
         (settings(scheduled(bypass_until=5)), settings(COMPACT), "`bypass_until`"),
-        (settings(COMPACT), settings(PAPER), "`configuration`"),
+        (settings(COMPACT, configuration="a"), settings(PAPER, configuration="b"), "`configuration`"),
     ],
 )
 def test_a_difference_is_named_by_its_argument(begun: RunSettings, resumed: RunSettings, named: str) -> None:
