@@ -23,7 +23,7 @@ type Size = readonly [number, number, number];
 export function decodeDetail({ payload }: Detail, header: Header, model: PriorModel, tables: Table[]): Int32Array[] {
   if (model.detail.length === 0) {
     throw new Refusal(
-      "model has detail",
+      "the model has detail",
       `section detail: the model ${header.modelId} has no detail; the program that wrote the file is at fault, encode ` +
         "the scene again.",
     );
