@@ -1,8 +1,9 @@
 """Second receiver of `.fcs` streams, written from FORMAT.md alone: stream -> Gaussians of section 9.1.
 
-Usage: python read_gaussians.py FILE MODEL OUTPUT
+Usage: python read_gaussians.py FILE MODEL OUTPUT [--filled]
 MODEL is a folder with the receiver's weights file, `receiver.safetensors`, and a folder `graphs` (section 9.3). OUTPUT
-gets rows of float32 values as in vectors/README.md, but of every Gaussian: 11, and 3 for each coefficient.
+gets rows of float32 values as in vectors/README.md, but of every Gaussian: 11, and 3 for each coefficient. With
+--filled, the part of the background layer behind near surfaces follows (section 9.2).
 It needs NumPy, onnxruntime, read_stream.py and read_symbols.py. Section numbers in docstrings are those of FORMAT.md.
 It shares no code with the product, so that differences between the two reveal errors.
 """
@@ -23,6 +24,8 @@ import read_symbols
 
 FIRST_HARMONIC = 0.28209479177387814
 FADED = np.array([1.0, 0.6666667, 0.33333334, 0.0], np.float32)
+MOST_FILLED_VIEWS = 8  # section 9.2
+POSES = "extrinsics", "intrinsics"
 BLOCK = 4096  # points that attend at once
 QUARTERS = 0, 3, 2, 1  # ENTROPY.md, section 7.1: step s has the quarter m XOR QUARTERS[s] at a position of phase m
 Arrays = dict[str, np.ndarray]
@@ -47,7 +50,7 @@ class Graphs:
 
     def run(self, name: str, values: dict[str, Any]) -> Arrays:
         """Run a graph on those of the values that it takes. `NAME_after` is returned as NAME."""
-        taken = {
+        taken: Arrays = {
             one.name: np.asarray(values[one.name], TYPES[one.type], order="C")
             for one in self.session(name).get_inputs()
         }
@@ -55,22 +58,30 @@ class Graphs:
         return dict(zip(names, self.session(name).run(None, taken), strict=True))
 
 
-def read(data: bytes, model: Path) -> np.ndarray:
-    """Return a row per Gaussian, in the stored frame. Raises RefusedError for a stream that breaks a rule."""
+def read(data: bytes, model: Path, *, is_filled: bool = False) -> np.ndarray:
+    """Return a row per Gaussian, in the stored frame. Raises RefusedError for a stream that breaks a rule.
+
+    is_filled: append the part of the background layer that lies behind near surfaces.
+    """
     contents, weights = read_stream.read(data), (model / "receiver.safetensors").read_bytes()
     stages, planes = read_stream.decode(contents, weights), read_stream.decode_detail(contents, weights)
     has_rules = receiver_config(weights).get("method") != "paper"
     with tempfile.TemporaryDirectory() as folder:
         graphs = Graphs(model, Path(folder))
         found = attributes(graphs, contents, stages, planes)
-        return emitted(contents, rules(graphs, found) if has_rules else found)
+        if not has_rules:
+            return emitted(contents, visible(contents, found))
+        found = visible(contents, rules(graphs, found))
+        layer = found["opacities"].shape[0] <= MOST_FILLED_VIEWS and contents.coverage is None
+        rows = emitted(contents, found)
+        return np.concatenate((rows, occluded(contents, graphs, found))) if is_filled and layer else rows
 
 
 def receiver_config(weights: bytes) -> dict[str, Any]:
     """ENTROPY.md, section 6.1: what the weights file says about the receiver."""
     (size,) = struct.unpack("<Q", weights[:8])
     config: dict[str, Any] = json.loads(json.loads(weights[8 : 8 + size])["__metadata__"]["config"])
-    return config["receiver"]  # type: ignore[no-any-return]
+    return config["receiver"]
 
 
 def normalised(contents: read_stream.Contents) -> Arrays:
@@ -167,8 +178,8 @@ def rules(graphs: Graphs, found: Arrays) -> Arrays:
     return found | {"opacities": kept} | graphs.run("harmonics", found | equations)
 
 
-def emitted(contents: read_stream.Contents, found: Arrays) -> np.ndarray:
-    """Section 9.1, steps 1 to 4."""
+def visible(contents: read_stream.Contents, found: Arrays) -> Arrays:
+    """Section 9.1, steps 1 to 3: faded opacities, and which Gaussians are kept, `is_kept`."""
     views, rows, columns = read_stream.size_8(contents.header)
     opacities = found["opacities"]
     per_cell = opacities.shape[1] // (2 * rows)
@@ -176,27 +187,54 @@ def emitted(contents: read_stream.Contents, found: Arrays) -> np.ndarray:
         bits = np.unpackbits(np.frombuffer(contents.fading, np.uint8)).reshape(-1, 2)
         levels = (2 * bits[:, 0] + bits[:, 1]).reshape(views, rows // 2, columns // 2)
         opacities = opacities * FADED[levels].repeat(4 * per_cell, axis=1).repeat(4 * per_cell, axis=2)
-    positions = found["positions"].transpose(0, 2, 3, 1).reshape(-1, 3)
-    is_kept = (opacities.ravel() >= np.float32(1 / 255)) & np.isfinite(positions).all(axis=1)
+    is_kept = (opacities >= np.float32(1 / 255)) & np.isfinite(found["positions"]).all(axis=1)
     if contents.coverage is not None:
         cells = np.unpackbits(np.frombuffer(contents.coverage, np.uint8)).reshape(views, 2 * rows, 2 * columns)
-        is_kept &= cells.repeat(per_cell, axis=1).repeat(per_cell, axis=2).ravel() == 1
+        is_kept &= cells.repeat(per_cell, axis=1).repeat(per_cell, axis=2) == 1
+    return found | {"opacities": opacities, "is_kept": is_kept}
+
+
+def emitted(contents: read_stream.Contents, found: Arrays) -> np.ndarray:
+    """Section 9.1, step 4: the rows of the Gaussians that are kept."""
     if "harmonics" in found:
         harmonics = found["harmonics"]
     else:
         constant = (found["colours"].transpose(0, 2, 3, 1).reshape(-1, 1, 3) - np.float32(0.5)) / FIRST_HARMONIC
         harmonics = np.concatenate((constant, found["higher"]), axis=1) if "higher" in found else constant
-    centres, scales = contents.near * positions + found["mean"], contents.near * found["scales"]
-    shape = centres, scales, found["rotations"], opacities.reshape(-1, 1), harmonics.reshape(len(harmonics), -1)
-    return np.concatenate(shape, axis=1)[is_kept].astype("<f4")
+    means = found["positions"].transpose(0, 2, 3, 1).reshape(-1, 3)
+    fields = means, found["scales"], found["rotations"], found["opacities"], harmonics
+    return stored(contents, found, fields)[found["is_kept"].ravel()]
+
+
+def stored(contents: read_stream.Contents, found: Arrays, fields: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Return rows in the stored frame (section 6.4). fields: in the normalised frame."""
+    means, scales, rotations, opacities, harmonics = fields
+    shape = contents.near * means + found["mean"], contents.near * scales, rotations, opacities.reshape(-1, 1)
+    return np.concatenate((*shape, harmonics.reshape(len(harmonics), -1)), axis=1).astype("<f4")
+
+
+def occluded(contents: read_stream.Contents, graphs: Graphs, found: Arrays) -> np.ndarray:
+    """Section 9.2: the rows of the background layer behind near surfaces."""
+    layer = graphs.run("occluded", found | {"opacities": found["opacities"] * found["is_kept"]})
+    known = {name: layer[name] for name in ("means", "surface")} | {name: found[name] for name in POSES}
+    known["hidden"] = layer["candidate_opacities"] > 0
+    for view in range(len(found["extrinsics"])):
+        known |= graphs.run("behind", known | {"view": np.array(view)})
+    of_blur = known["hidden"].reshape(2, -1)
+    is_used = np.stack((of_blur[0], of_blur[1] & ~of_blur[0])).ravel()
+    harmonics = np.zeros((len(is_used), *found["harmonics"].shape[1:]), np.float32)
+    harmonics[:, :1] = layer["candidate_colours"]
+    fields = layer["means"], layer["scales"], layer["rotations"], layer["candidate_opacities"], harmonics
+    return stored(contents, found, fields)[is_used]
 
 
 def main(arguments: list[str]) -> int:
-    if len(arguments) != 4:
-        print("usage: python read_gaussians.py FILE MODEL OUTPUT", file=sys.stderr)
+    is_filled = arguments[4:] == ["--filled"]
+    if len(arguments) != 4 + is_filled:
+        print("usage: python read_gaussians.py FILE MODEL OUTPUT [--filled]", file=sys.stderr)
         return 1
     try:
-        rows = read(Path(arguments[1]).read_bytes(), Path(arguments[2]))
+        rows = read(Path(arguments[1]).read_bytes(), Path(arguments[2]), is_filled=is_filled)
         Path(arguments[3]).write_bytes(rows.tobytes())
     except read_stream.RefusedError as error:
         print(f"{arguments[1]}: {error}", file=sys.stderr)

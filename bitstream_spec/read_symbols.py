@@ -293,7 +293,8 @@ def read_y(coder: Coder, model: Model, e: Array) -> tuple[list[list[int]], Array
     batches, first = read_step_0(coder, model, e)
     steps = [first]
     for s in (1, 2, 3):
-        means, indices = [], []
+        means: list[int] = []
+        indices: list[int] = []
         for m, v, i, j in phase_by_phase(size):
             x = e[v][i][j] + [value for k in steps for value in around(k, v, i, j)]
             parameters = three_layers(model, f"steps.{s}", x, m)
