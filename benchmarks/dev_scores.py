@@ -11,7 +11,10 @@ from statistics import mean
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.errors import FecoError, InputError
 from fecocodec.evaluation.evaluation import choose_entries
-from fecocodec.evaluation.novel_views import Score, evaluate
+from fecocodec.evaluation.records import Measurement
+from fecocodec.evaluation.report.section import number
+from fecocodec.evaluation.run import evaluate
+from fecocodec.evaluation.summary import averages
 from fecocodec.evaluation.systems.codec import codec_system, guided_system
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.optimisation_config import EFFORTS
@@ -43,26 +46,18 @@ def main() -> None:
             system = guided_system(codec, lmbda, arguments.stages, arguments.effort)
         else:
             system = codec_system(codec, lmbda, arguments.stages, arguments.effort, arguments.sharpness)
-        scores = list(evaluate(system, arguments.root, entries, size))
+        (row,) = averages(found := list(evaluate(system, arguments.root, entries, size)))
         print(
-            f"{lmbda:g}\t{mean(s.num_bytes for s in scores) / 1024:.2f}\t{mean(s.target_psnr for s in scores):.2f}\t"
-            f"{mean(s.target_ssim for s in scores):.3f}\t{mean(s.target_st_lpips for s in scores):.4f}\t"
-            f"{_mean_lpips(scores)}\t"
-            f"{mean(s.context_psnr for s in scores):.2f}\t"
-            f"{mean(s.num_gaussians for s in scores):.0f}\t{_by_kind(scores)}",
+            f"{lmbda:g}\t{row.kib:.2f}\t{row.psnr:.2f}\t{row.ssim:.3f}\t{number(row.st_lpips, 4)}\t"
+            f"{number(row.lpips, 4)}\t{row.context_psnr:.2f}\t{row.gaussians:.0f}\t{_by_kind(found)}",
             flush=True,
         )
 
 
-def _mean_lpips(scores: list[Score]) -> str:
-    values = [score.target_lpips for score in scores if score.target_lpips is not None]
-    return f"{mean(values):.4f}" if values else "-"
-
-
-def _by_kind(scores: list[Score]) -> str:
+def _by_kind(found: list[Measurement]) -> str:
     kinds: dict[str, list[float]] = {}
-    for score in scores:
-        kinds.setdefault(score.name.split("/")[-1].rstrip("0123456789"), []).append(score.target_psnr)
+    for measurement in found:
+        kinds.setdefault(measurement.entry.split("/")[-1].rstrip("0123456789"), []).append(measurement.psnr)
     return " ".join(f"{kind} {mean(values):.2f}" for kind, values in kinds.items())
 
 

@@ -18,8 +18,8 @@ from fecocodec.captures.evaluation_index import read_index
 from fecocodec.captures.view_selection import Spread
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
 from fecocodec.codec.roles import choose_roles
-from fecocodec.evaluation.novel_views import evaluate
 from fecocodec.evaluation.report.section import Chart, Mark, Series, write_panels
+from fecocodec.evaluation.run import evaluate
 from fecocodec.evaluation.systems.codec import codec_system, guided_system
 from fecocodec.geometry.views import joined
 from fecocodec.limits import MAX_VIEWS
@@ -84,7 +84,7 @@ def by_rate(root: Path, index: Path) -> Iterator[Series]:
         marks = []
         for lmbda in LAMBDAS:
             scores = list(evaluate(system_at(codec, lmbda), root, entries, SIZE))
-            kib, quality = (fmean(s.num_bytes for s in scores) / 1024, fmean(s.target_psnr for s in scores))
+            kib, quality = (fmean(s.num_bytes for s in scores) / 1024, fmean(s.psnr for s in scores))
             print(f"{name}\tlambda {lmbda:g}\t{kib:.2f} KiB\t{quality:.2f} dB", flush=True)
             marks.append(Mark(kib, quality, f"lambda {lmbda:g}"))
         yield Series(name, tuple(marks))

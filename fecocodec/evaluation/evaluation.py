@@ -140,9 +140,8 @@ def evaluate_to_folder(plan: Plan, on_measured: OnMeasured = lambda _found, _fra
         found.append(measurement)
         on_measured(measurement, len(found) / total)
     rows = averages(found)
-    others = [row for row in external if row.kib and row.psnr is not None]
     failures, doubtful = [m for m in found if m.error], dict.fromkeys(m.entry for m in found if m.warnings)
-    report = Report(rows, compare((*rows, *others)), tuple(failures), external, tuple(doubtful))
+    report = Report(rows, compare((*rows, *external)), tuple(failures), external, tuple(doubtful))
     if plan.shard is None:
         write_tables(plan.output, found, report)
         _write_paper_tables(plan.output, codec, rows, external)

@@ -5,14 +5,14 @@ Results of other systems are those that the paper prints, or come from a CSV fil
 
 import csv
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation.report.section import Chart, Mark, Series, number, table
-from fecocodec.evaluation.summary import OURS, Average, ExternalRow
+from fecocodec.evaluation.summary import OURS, Average, ExternalRow, RatedPoint
 from fecocodec.input_file import require_regular_file
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.parameters import PUBLISHED as PUBLISHED_PARAMETERS
@@ -97,14 +97,15 @@ METRICS: dict[str, str] = {
 def quality_charts(rows: Sequence[Average], external: Sequence[ExternalRow]) -> tuple[Chart, ...]:
     """Return one chart per metric that was measured, with the curves of our systems and of the external ones."""
     charts = []
-    every: tuple[Average | ExternalRow, ...] = (*rows, *external)
+    every: tuple[RatedPoint, ...] = (*rows, *external)
     for metric, label in METRICS.items():
-        points = [_point(row, metric) for row in every]
-        found = [point for point in points if point is not None]
-        names = dict.fromkeys(name for name, _ in found)
-        series = tuple(_series(name, [mark for other, mark in found if other == name]) for name in names)
-        if series:
-            charts.append(Chart(f"curves_{metric}", label, "KiB a scene", label, series, has_log_x=True))
+        curves: dict[str, list[Mark]] = {}
+        for row in every:
+            if row.kib and (quality := getattr(row, metric)) is not None:
+                curves.setdefault(row.system, []).append(Mark(row.kib, quality, row.setting))
+        series = (Series(name, tuple(sorted(marks, key=lambda mark: mark.x))) for name, marks in curves.items())
+        if curves:
+            charts.append(Chart(f"curves_{metric}", label, "KiB a scene", label, tuple(series), has_log_x=True))
     return tuple(charts)
 
 
@@ -133,7 +134,8 @@ def cost_line(row: ExternalRow, source: str = "measured") -> tuple[str, ...]:
 def others(external: Sequence[ExternalRow]) -> list[tuple[str, ...]]:
     """Return the lines of other systems: PUBLISHED, replaced where `external` has costs; its others; what we count."""
     rows = {name: (costs_of(name, values), "published") for name, values in PUBLISHED.items()}
-    rows |= {row.system: (row, "external") for row in external if _has_costs(row)}
+    has_costs = (row for row in external if any(getattr(row, name) is not None for name in _COSTS))
+    rows |= {row.system: (row, "external") for row in has_costs}
     rows |= {name: (costs_of(name, (_counted(*of),)), "counted") for name, of in _COUNTED.items() if name not in rows}
     return [cost_line(*row) for row in rows.values()]
 
@@ -150,21 +152,6 @@ def params_of_ends(codec: Codec) -> tuple[float, float]:
     return receiver + count_parameters(codec.sender) / 1e6, receiver
 
 
-def _point(row: Average | ExternalRow, metric: str) -> tuple[str, Mark] | None:
-    quality = getattr(row, metric)
-    if not row.kib or quality is None:
-        return None
-    return row.system, Mark(row.kib, quality, row.setting)
-
-
-def _series(name: str, marks: list[Mark]) -> Series:
-    return Series(name, tuple(sorted(marks, key=lambda mark: mark.x)))
-
-
-def _has_costs(row: ExternalRow) -> bool:
-    return any(getattr(row, name) is not None for name in _COSTS)
-
-
 def _counted(profile: str, ours: Sequence[str]) -> float:
     rows = (row for row in parameter_table(profile) if row.module.startswith("extractor."))
     return sum(row.parameters for row in rows if row.module.removeprefix("extractor.") not in ours) / 1e6
@@ -172,9 +159,6 @@ def _counted(profile: str, ours: Sequence[str]) -> float:
 
 def _ours(codec: Codec, rows: Sequence[Average]) -> ExternalRow:
     peak = max((row.peak_mib / 1024 for row in rows if row.peak_mib is not None), default=None)
-    seconds = (_largest(rows, lambda row: row.encode_seconds), _largest(rows, lambda row: row.decode_seconds))
-    return costs_of(OURS, (*params_of_ends(codec), *seconds, peak))
-
-
-def _largest(rows: Sequence[Average], value: Callable[[Average], float]) -> float | None:
-    return max((value(row) for row in rows), default=None)
+    encoding = max((row.encode_seconds for row in rows), default=None)
+    decoding = max((row.decode_seconds for row in rows), default=None)
+    return costs_of(OURS, (*params_of_ends(codec), encoding, decoding, peak))

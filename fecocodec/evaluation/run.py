@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -13,7 +14,7 @@ from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import FecoError
 from fecocodec.evaluation.extras import require_extra
 from fecocodec.evaluation.machine import forget_peak, peak_mib
-from fecocodec.evaluation.novel_views import EntryReader, without_guides
+from fecocodec.evaluation.novel_views import EntryReader, open_scenes, without_guides
 from fecocodec.evaluation.records import Key, Measurement, RecordFile
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
 from fecocodec.geometry.views import Views
@@ -99,25 +100,38 @@ def measure_all(
             yield from (_recorded(records, _failure(key, entry, error)) for key in missing)
             continue
         for key, system in missing.items():
-            measurement = _measure(key, entry, system, views, draw, device)
+            try:
+                measurement = measure(key, entry, system, views, draw, device)
+            except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # must not stop the evaluation
+                measurement = _failure(key, entry, error)
             warnings = " ".join(dict.fromkeys((*doubts, measurement.warnings))).strip()
             yield _recorded(records, replace(measurement, warnings=warnings))
 
 
-def _measure(key: Key, entry: IndexEntry, system: System, read: Views, draw: Draw, device: str) -> Measurement:
+def evaluate(system: System, root: Path, entries: Sequence[IndexEntry], size: tuple[int, int]) -> Iterator[Measurement]:
+    """Yield the measurement of each entry. root: folder of scenes. size: (height, width) in pixels.
+
+    Raises FecoError for an entry that cannot be measured.
+    """
+    read = open_scenes(root, size)
+    for entry in entries:
+        yield measure((entry.name, system.name, system.setting, "", ""), entry, system, read(entry))
+
+
+def measure(
+    key: Key, entry: IndexEntry, system: System, read: Views, draw: Draw = draw_nothing, device: str = "cpu"
+) -> Measurement:
+    """Encode the context views of an entry, and measure all but the guides. read: all views, as `EntryReader` gives."""
     views, guides = without_guides(read, entry)
     num_context = len(entry.context)
     forget_peak(device)
-    try:
-        result = system.run(views, num_context, guides)
-        peak = peak_mib(device)
-        shown = views.select(list(range(num_context, len(views.images))))
-        target = measure_quality(shown.outside_masks(result.images[num_context:]), shown.images, shown.ignored)
-        context = views.select(list(range(num_context)))
-        of_context = psnr(result.images[:num_context], context.images, context.ignored)
-        draw(entry, system, views, result)
-    except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:  # one failure must not stop the evaluation
-        return _failure(key, entry, error)
+    result = system.run(views, num_context, guides)
+    peak = peak_mib(device)
+    shown = views.select(list(range(num_context, len(views.images))))
+    target = measure_quality(shown.outside_masks(result.images[num_context:]), shown.images, shown.ignored)
+    context = views.select(list(range(num_context)))
+    of_context = psnr(result.images[:num_context], context.images, context.ignored)
+    draw(entry, system, views, result)
     height, width = views.image_size
     return Measurement(
         *key,

@@ -6,10 +6,14 @@ from pathlib import Path
 import pytest
 import torch
 
+from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.novel_views import render_views, score
+from fecocodec.evaluation.novel_views import render_views
+from fecocodec.evaluation.records import Measurement
+from fecocodec.evaluation.run import measure
 from fecocodec.evaluation.systems import codec as systems
-from fecocodec.evaluation.systems.codec import codec_system
+from fecocodec.evaluation.systems.codec import codec_system, guided_system
+from fecocodec.evaluation.systems.reconstruction import System
 from fecocodec.geometry.views import Views
 from fecocodec.receiver.decode import decode
 from fecocodec.rendering.metrics import psnr
@@ -19,11 +23,16 @@ from fecocodec.sender.optimisation_config import FAST
 from tests.example_scenes import MODEL, example_views
 
 
-def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
+def measured(system: System, views: Views, guide: tuple[int, ...] = ()) -> Measurement:
+    """Code two views, and measure the third."""
+    entry = IndexEntry("scene/label", "scene", (0, 1), (2,), guide)
+    return measure((entry.name, "", "", "", ""), entry, system, views)
+
+
+def test_a_measurement_is_that_of_the_bytes(random_weights: Path) -> None:
     codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(3)
-    lambda_q = quantise_lambda(1e-3)
-    found = score(codec_system(codec, 1e-3, effort="fast"), "scene/label", views, 2)
-    data = encode_with(codec, views.select([0, 1]), lambda_q, 2, FAST)
+    found = measured(codec_system(codec, 1e-3, effort="fast"), views)
+    data = encode_with(codec, views.select([0, 1]), quantise_lambda(1e-3), 2, FAST)
     gaussians = decode(data, model=random_weights / MODEL).gaussians
     assert found.num_bytes == len(data)
     assert found.num_gaussians == gaussians.count
@@ -32,30 +41,29 @@ def test_a_score_is_that_of_the_bytes(random_weights: Path) -> None:
     assert float(rendered.min()) >= 0.0 and float(rendered.max()) <= 1.0
     by_hand = -10 * torch.log10((rendered - views.images).square().flatten(1).mean(dim=1))
     torch.testing.assert_close(psnr(rendered, views.images), by_hand, atol=1e-3, rtol=0)
-    assert found.target_psnr == pytest.approx(float(by_hand[2]), abs=1e-3)
+    assert found.psnr == pytest.approx(float(by_hand[2]), abs=1e-3)
     assert found.context_psnr == pytest.approx(float(by_hand[:2].mean()), abs=1e-3)
-    assert -1.0 <= found.target_ssim <= 1.0
+    assert -1.0 <= found.ssim <= 1.0
 
 
 def test_guides_teach_systems_that_learn_alone(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(4)
-    context, guides = views.select([0, 1, 2]), views.select([3])
-    taught = []
+    taught: list[Views | None] = []
 
     def encode(*arguments: object, guides: Views | None = None, **options: object) -> bytes:
         taught.append(guides)
         return encode_with(*arguments, **options)
 
     monkeypatch.setattr(systems, "encode_with", encode)
-    found = score(systems.guided_system(codec, 1e-3, effort="fast"), "scene", context, 2, guides)
-    assert found == score(systems.codec_system(codec, 1e-3, effort="fast"), "scene", context, 2, guides)
-    assert taught == [guides, None]
+    found = [measured(of(codec, 1e-3, effort="fast"), views, (3,)) for of in (guided_system, codec_system)]
+    assert found[0].num_bytes == found[1].num_bytes and found[0].psnr == found[1].psnr
+    assert taught[0] is not None and torch.equal(taught[0].images, views.images[3:]) and taught[1] is None
 
 
 def test_guides_that_are_left_out_do_not_count(random_weights: Path) -> None:
     codec, views = load_codec(random_weights / MODEL, "cpu"), example_views(4)
     context, guides = views.select([0, 1, 2]), views.select([1])
-    system = systems.guided_system(codec, 1e-3, effort="fast")
+    system = guided_system(codec, 1e-3, effort="fast")
     wrong = replace(guides, images=1.0 - guides.images)
     found = [system.run(context, 2, shown) for shown in (guides, wrong, None)]
     assert [one.num_guides for one in found] == [1, 0, 0]
@@ -68,8 +76,8 @@ def test_pixels_under_masks_do_not_count(random_weights: Path) -> None:
     ignored[:, :40] = True
     masked = replace(views, ignored=ignored)
     spoiled = replace(masked, images=torch.where(ignored[:, None], 1.0 - views.images, views.images))
-    system = systems.codec_system(load_codec(random_weights / MODEL, "cpu"), 1e-3, effort="fast")
-    found = [score(system, "scene", of, 2) for of in (masked, spoiled)]
+    system = codec_system(load_codec(random_weights / MODEL, "cpu"), 1e-3, effort="fast")
+    found = [measured(system, of) for of in (masked, spoiled)]
     assert found[0].num_bytes == found[1].num_bytes
-    assert found[0].target_psnr == found[1].target_psnr and found[0].context_psnr == found[1].context_psnr
-    assert score(system, "scene", replace(spoiled, ignored=None), 2).target_psnr != found[0].target_psnr
+    assert found[0].psnr == found[1].psnr and found[0].context_psnr == found[1].context_psnr
+    assert measured(system, replace(spoiled, ignored=None)).psnr != found[0].psnr

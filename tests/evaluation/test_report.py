@@ -31,42 +31,20 @@ SETTINGS = ("lambda 0.01", "lambda 0.001", "lambda 0.0001")
 
 def curve(system: str, kib: float, psnr: float, seconds: float = 1.0) -> list[Measurement]:
     """Three points that double in bytes and gain 1 dB each, of three entries that double in bytes."""
+    one = Measurement("", system, "", "weights", num_context=2, height=64, width=64, num_gaussians=1000)
+    one = replace(one, encode_seconds=seconds, decode_seconds=seconds / 10)
     return [
-        Measurement(
-            entry,
-            system,
-            setting,
-            "weights",
-            num_context=2,
-            height=64,
-            width=64,
-            num_bytes=int(kib * 1024 * 2**step * 2**at),
-            num_gaussians=1000,
-            psnr=psnr + step,
-            context_psnr=psnr + step,
-            encode_seconds=seconds,
-            decode_seconds=seconds / 10,
-        )
+        replace(one, entry=entry, setting=setting, num_bytes=int(kib * 1024 * 2**step * 2**at), psnr=psnr + step)
         for at, entry in enumerate(ENTRIES)
         for step, setting in enumerate(SETTINGS)
     ]
 
 
-def photographs() -> list[Measurement]:
-    points = curve("JPEG XL", 4.0, 20.0)
-    names = dict(zip(SETTINGS, ("quality 4", "quality 2", "quality 1"), strict=True))
-    return [replace(m, setting=names[m.setting]) for m in points]
-
-
 @pytest.fixture
 def studies() -> Studies:
-    rate = [
-        *curve("fecosplat", 2.0, 20.0),
-        *curve("stage 1 alone", 1.5, 19.0),
-        *photographs(),
-        replace(curve("nearest view", 1.0, 15.0)[0], num_bytes=0),
-    ]
-    rate += [replace(rate[-1], entry=entry) for entry in ENTRIES[1:]]
+    rate = [*curve("fecosplat", 2.0, 20.0), *curve("stage 1 alone", 1.5, 19.0)]
+    rate += [replace(m, setting=m.setting.replace("lambda", "quality")) for m in curve("JPEG XL", 4.0, 20.0)]
+    rate += [replace(m, setting="copied", num_bytes=0) for m in curve("nearest view", 1.0, 15.0)[:: len(SETTINGS)]]
     rate = [replace(m, st_lpips=0.5 - 0.01 * m.psnr) for m in rate]
     speed = [
         *curve("fecosplat", 2.0, 20.0),
@@ -106,10 +84,15 @@ def test_the_files_of_a_report(studies: Studies, plan: ReportPlan) -> None:
     assert {f"report/{chart['name']}.png" for chart in charts} == pictures
 
 
-def test_what_stands_above_the_mark_is_kept(plan: ReportPlan) -> None:
+def test_what_stands_above_the_mark_is_kept_and_failures_are_told(
+    studies: Studies, plan: ReportPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = replace(studies.rate[0], entry="d", error="is gone")
+    monkeypatch.setattr(make, "measure_studies", lambda *_: replace(studies, rate=(*studies.rate, broken)))
+    monkeypatch.setattr(make, "write_png", lambda *_: None)
     plan.output.mkdir()
     (plan.output / "report.md").write_text(f"# Ours\n\n{make.MARK}old figures\n")
-    make.make_report(plan, lambda _study: None)
+    assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
     text = (plan.output / "report.md").read_text()
     assert text.startswith(f"# Ours\n\n{make.MARK}") and "old figures" not in text and text.count(make.MARK) == 1
 
@@ -120,12 +103,6 @@ def test_lpips_has_a_column_or_a_sentence_that_says_why_not(studies: Studies) ->
     assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in without
     measured = rate_sections([replace(m, lpips=0.25, lpips_alex=0.125) for m in studies.rate], ())[0].text
     assert "| 0.250 | 0.125 |" in measured and "was not measured" not in measured
-
-
-def test_failures_are_told(studies: Studies, plan: ReportPlan, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = replace(studies.rate[0], entry="d", error="is gone")
-    monkeypatch.setattr(make, "measure_studies", lambda *_: replace(studies, rate=(*studies.rate, broken)))
-    assert make.make_report(plan, lambda _study: None) == ("d, fecosplat, lambda 0.01: is gone",)
 
 
 def test_the_front_holds_what_no_other_beats(studies: Studies) -> None:
@@ -176,9 +153,8 @@ def test_results_are_of_one_set_of_weights_and_survive_a_cut(tmp_path: Path) -> 
 
 
 def test_panels_are_drawn_beside_each_other(tmp_path: Path) -> None:
-    curve = Series("full", (Mark(0.1, 20.0, "lambda 0.01"), Mark(1.0, 22.0, "lambda 0.001")))
-    charts = [Chart("panel", f"panel {number}", "bits", "dB", (curve,), has_log_x=True) for number in range(3)]
-    write_panels(charts, tmp_path / "panels.png")
+    line = Series("full", (Mark(0.1, 20.0, "lambda 0.01"), Mark(1.0, 22.0, "lambda 0.001")))
+    write_panels([Chart("panel", "title", "bits", "dB", (line,), has_log_x=True)] * 3, tmp_path / "panels.png")
     with Image.open(tmp_path / "panels.png") as picture:
         assert picture.size == (1200, 380)
 
@@ -193,11 +169,10 @@ def test_seconds_of_a_step_that_comes_again_add_up(monkeypatch: pytest.MonkeyPat
     assert clock.seconds == {"start": 1.0, "matching": 2.0 + 4.0, "coding": 3.0}
 
 
-def test_wrong_paths_are_refused_before_anything_is_measured(tmp_path: Path) -> None:
-    index = tmp_path / "index.json"
-    for plan in (
-        ReportPlan(tmp_path / "nowhere", index, tmp_path, tmp_path / "work", tmp_path / "docs"),
-        ReportPlan(tmp_path, index, tmp_path, tmp_path / "work", tmp_path / "docs"),
-    ):
-        with pytest.raises(InputError, match=r"nowhere: there is no such folder|index\.json: cannot be read"):
-            make.make_report(plan, lambda study: pytest.fail(study))
+@pytest.mark.parametrize(
+    ("root", "sentence"), [("nowhere", "nowhere: there is no such folder"), (".", r"index\.json: cannot be read")]
+)
+def test_wrong_paths_are_refused_before_anything_is_measured(tmp_path: Path, root: str, sentence: str) -> None:
+    plan = ReportPlan(tmp_path / root, tmp_path / "index.json", tmp_path, tmp_path / "work", tmp_path / "docs")
+    with pytest.raises(InputError, match=sentence):
+        make.make_report(plan, lambda study: pytest.fail(study))

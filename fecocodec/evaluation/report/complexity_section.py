@@ -58,9 +58,7 @@ synthetic rooms whose walls have no pattern or the sum of up to {waves} patterns
 
 
 def complexity_section(
-    photographs: Sequence[Measurement],
-    complexity: Mapping[str, float],
-    needs: Sequence[Need],
+    photographs: Sequence[Measurement], complexity: Mapping[str, float], needs: Sequence[Need]
 ) -> Section:
     """Return the section.
 
@@ -69,34 +67,22 @@ def complexity_section(
     """
     at_lambda = [m for m in photographs if m.system == OURS and m.setting == f"lambda {LAMBDA:g}" and not m.error]
     shown = [(m, complexity[m.entry]) for m in at_lambda]
-    densities = [(x, m.num_gaussians / (m.num_context * m.height * m.width), m.entry) for m, x in shown]
-    kib = Chart(
-        "complexity_bytes",
-        "Bytes and complexity",
-        "KiB of the photographs as JPEG XL",
-        "KiB of the file",
-        (
-            Series("rooms", tuple(Mark(n.photograph_kib, n.kib, _note(n)) for n in needs)),
-            Series("photographs", tuple(Mark(x, m.num_bytes / 1024, m.entry) for m, x in shown), is_line=False),
-        ),
+    densities = ((x, m.num_gaussians / (m.num_context * m.height * m.width), m.entry) for m, x in shown)
+    patterns = [(need, f"{need.num_waves} patterns") for need in needs]
+    x_label = "KiB of the photographs as JPEG XL"
+    sizes = (
+        Series("rooms", tuple(Mark(need.photograph_kib, need.kib, note) for need, note in patterns)),
+        Series("photographs", tuple(Mark(x, m.num_bytes / 1024, m.entry) for m, x in shown), is_line=False),
     )
-    gaussians = Chart(
-        "complexity_gaussians",
-        "Gaussians and complexity",
-        "KiB of the photographs as JPEG XL",
-        "Gaussians a context pixel",
-        (
-            Series("photographs", tuple(Mark(*point) for point in densities), is_line=False),
-            Series("rooms", tuple(Mark(n.photograph_kib, n.gaussians_per_pixel, _note(n)) for n in needs)),
-        ),
+    kib = Chart("complexity_bytes", "Bytes and complexity", x_label, "KiB of the file", sizes)
+    counts = (
+        Series("photographs", tuple(Mark(*point) for point in densities), is_line=False),
+        Series("rooms", tuple(Mark(need.photograph_kib, need.gaussians_per_pixel, note) for need, note in patterns)),
     )
+    gaussians = Chart("complexity_gaussians", "Gaussians and complexity", x_label, "Gaussians a context pixel", counts)
     text = TEXT.format(
         waves=max((n.num_waves for n in needs), default=0),
         bytes_chart=picture(kib),
         gaussians_chart=picture(gaussians),
     )
     return Section("Bytes, Gaussians and complexity", text, (kib, gaussians))
-
-
-def _note(need: Need) -> str:
-    return f"{need.num_waves} patterns"

@@ -1,6 +1,6 @@
 """Report sections: rate and quality of the codec, of alternatives, and of ablations."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from fecocodec.evaluation.bd_rate import SIZES_KIB, Gain, gain_at
 from fecocodec.evaluation.records import Measurement
@@ -44,33 +44,24 @@ scenes. Our files have the given size on average; each pair is compared at the s
 def rate_sections(found: Sequence[Measurement], more_views: Sequence[Measurement]) -> tuple[Section, ...]:
     """Return the sections on rate and quality, ablations, and entries with more than two context views."""
     rows = averages(found)
-    hidden = (*ABLATION_NAMES, FAST)
-    main, ablated = (
-        _rows(rows, lambda name: name not in hidden),
-        _rows(rows, lambda name: name in (OURS, *ABLATION_NAMES, FAST)),
-    )
+    parts_left_out = (*ABLATION_NAMES, FAST)
+    main = [row for row in rows if row.system not in parts_left_out]
+    ablated = [row for row in rows if row.system in (OURS, *parts_left_out)]
     drawn = curves_of([row for row in main if row.system != NEAREST])  # its PSNR would compress the axis
     chart = Chart("rate_distortion", "Rate and quality", "KiB a scene", "PSNR of target views, dB", drawn, True)
     parts = Chart("ablations", "Without some part", "KiB a scene", "PSNR of target views, dB", curves_of(ablated), True)
-    entries = max((row.entries for row in rows), default=0)
     text = TEXT.format(
-        entries=entries,
+        entries=max((row.entries for row in rows), default=0),
         chart=picture(chart),
         averages=_averages(main),
         best=BEST,
         equal_bytes_text=EQUAL_BYTES_TEXT,
         equal_bytes=equal_bytes_table(found, [row.system for row in main if row.system != BEST]),
     )
-    without = ABLATION_TEXT.format(
-        chart=picture(parts),
-        equal_bytes=equal_bytes_table(found, [row.system for row in ablated]),
-    )
+    equal_bytes = equal_bytes_table(found, [row.system for row in ablated])
+    without = ABLATION_TEXT.format(chart=picture(parts), equal_bytes=equal_bytes)
     views = Section("More than two views", _by_views(more_views))
     return Section("Rate and quality", text, (chart,)), Section("Without some part", without, (parts,)), views
-
-
-def _rows(rows: Sequence[Average], is_wanted: Callable[[str], bool]) -> list[Average]:
-    return [row for row in rows if is_wanted(row.system)]
 
 
 def curves_of(rows: Sequence[Average]) -> tuple[Series, ...]:
@@ -105,37 +96,16 @@ def _gain_cell(gain: Gain | None) -> str:
 
 def _averages(rows: Sequence[Average]) -> str:
     """Return a table of all measures, and one sentence where the weights of LPIPS (VGG16) are missing."""
-    measures: dict[str, tuple[Callable[[Average], float | None], int]] = {
-        "KiB": (lambda row: row.kib, 2),
-        "PSNR": (lambda row: row.psnr, 2),
-        "SSIM": (lambda row: row.ssim, 3),
-        "ST-LPIPS": (lambda row: row.st_lpips, 3),
-        "LPIPS": (lambda row: row.lpips, 3),
-        "LPIPS (AlexNet)": (lambda row: row.lpips_alex, 3),
-    }
-    cells = [(row.system, row.setting, *(number(of(row), n) for of, n in measures.values())) for row in rows]
-    text = table(("system", "setting", *measures), cells)
+    digits = {"kib": 2, "psnr": 2, "ssim": 3, "st_lpips": 3, "lpips": 3, "lpips_alex": 3}
+    cells = [(r.system, r.setting, *(number(getattr(r, name), n) for name, n in digits.items())) for r in rows]
+    text = table(("system", "setting", "KiB", "PSNR", "SSIM", "ST-LPIPS", "LPIPS", "LPIPS (AlexNet)"), cells)
     return text if any(row.lpips is not None for row in rows) else f"{text}\n\n{NO_LPIPS}"
 
 
 def _by_views(found: Sequence[Measurement]) -> str:
     head = ("entry", "views", "size", "KiB", "PSNR of targets", "PSNR of context", "encode, s", "decode, s")
-    good = [m for m in found if not m.error]
-    if not good:
-        return "The index has no such entries."
-    return "At lambda 1e-3; single measurements.\n\n" + table(
-        head,
-        [
-            (
-                m.entry,
-                f"{m.num_context}",
-                f"{m.width}x{m.height}",
-                number(m.num_bytes / 1024),
-                number(m.psnr),
-                number(m.context_psnr),
-                number(m.encode_seconds),
-                number(m.decode_seconds),
-            )
-            for m in good
-        ],
-    )
+    rows = []
+    for m in (m for m in found if not m.error):
+        values = (m.num_bytes / 1024, m.psnr, m.context_psnr, m.encode_seconds, m.decode_seconds)
+        rows.append((m.entry, f"{m.num_context}", f"{m.width}x{m.height}", *map(number, values)))
+    return f"At lambda 1e-3; single measurements.\n\n{table(head, rows)}" if rows else "The index has no such entries."

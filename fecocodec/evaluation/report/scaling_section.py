@@ -77,8 +77,10 @@ def scaling_section(loads: Sequence[Load], room_side: int) -> Section:
     kinds = {"two views of more pixels": by_side, f"more views of {room_side}x{room_side}": by_views}
     series = []
     for kind, own in kinds.items():
-        series.append(Series(f"encode, {kind}", tuple(Mark(float(o.pixels), o.encode_seconds, _note(o)) for o in own)))
-        series.append(Series(f"decode, {kind}", tuple(Mark(float(o.pixels), o.decode_seconds, _note(o)) for o in own)))
+        for end in ("encode", "decode"):
+            notes = ((load, f"{load.num_views} views of {_size(load)}") for load in own)
+            marks = (Mark(float(load.pixels), getattr(load, f"{end}_seconds"), note) for load, note in notes)
+            series.append(Series(f"{end}, {kind}", tuple(marks)))
     chart = Chart(
         "scaling", "Time and pixels", "pixels of all views", "seconds", tuple(series), has_log_x=True, has_log_y=True
     )
@@ -86,23 +88,18 @@ def scaling_section(loads: Sequence[Load], room_side: int) -> Section:
     return Section("Growth with views and pixels", text, (chart,))
 
 
-def _note(load: Load) -> str:
-    return f"{load.num_views} views of {load.side}x{load.side}"
+def _size(load: Load) -> str:
+    return f"{load.side}x{load.side}"
 
 
 def _exponents(kinds: dict[str, list[Load]]) -> str:
     rows = []
     for kind, own in kinds.items():
         pixels = [float(load.pixels) for load in own]
-        peaks = [load.peak_mib for load in own if load.peak_mib is not None]
+        names = ("encode_seconds", "decode_seconds", "peak_mib", "num_bytes")
+        costs = ([getattr(load, name) for load in own] for name in names)
         rows.append(
-            (
-                kind,
-                number(exponent(pixels, [load.encode_seconds for load in own])),
-                number(exponent(pixels, [load.decode_seconds for load in own])),
-                number(exponent(pixels, peaks) if len(peaks) == len(own) else None),
-                number(exponent(pixels, [float(load.num_bytes) for load in own])),
-            )
+            (kind, *(number(None if None in values else exponent(pixels, [*map(float, values)])) for values in costs))
         )
     return table(("exponent of", "encode", "decode", "peak memory", "bytes"), rows)
 
@@ -111,7 +108,7 @@ def _loads(loads: Sequence[Load]) -> str:
     rows = [
         (
             f"{load.num_views}",
-            f"{load.side}x{load.side}",
+            _size(load),
             number(load.encode_seconds, 3),
             number(load.decode_seconds, 3),
             number(load.peak_mib, 0),

@@ -116,11 +116,14 @@ def _equal_rate(systems: Sequence[AtEqualRate], kib: float, end: str) -> Chart:
         low, middle, high = system.seconds[end]
         note = f"at {system.kib:.1f} KiB, {low:.3g} to {high:.3g} s"
         series.append(Series(system.system, (Mark(max(middle, 1e-4), system.psnr, note),), is_line=False))
+    return _chart(end, "speed", f" at about {kib:.1f} KiB", series)
+
+
+def _chart(end: str, name: str, subtitle: str, series: Sequence[Series]) -> Chart:
+    """Return the chart of PSNR against the seconds at one end, with its Pareto front."""
     front = pareto_front(mark for one in series for mark in one.marks)
-    title = f"Speed of the {end} and quality at about {kib:.1f} KiB"
-    return Chart(
-        f"{end}_speed", title, f"seconds at the {end}", "PSNR of target views, dB", tuple(series), True, front=front
-    )
+    title, label = f"Speed of the {end} and quality{subtitle}", f"seconds at the {end}"
+    return Chart(f"{end}_{name}", title, label, "PSNR of target views, dB", tuple(series), True, front=front)
 
 
 def _equal_table(systems: Sequence[AtEqualRate]) -> str:
@@ -132,22 +135,12 @@ def _equal_table(systems: Sequence[AtEqualRate]) -> str:
 
 
 def _all_points(rows: Sequence[Average], end: str, field: str) -> Chart:
-    series = [
-        Series(
-            name,
-            tuple(
-                Mark(max(getattr(row, field), 1e-4), row.psnr, f"{row.setting}, {row.kib:.1f} KiB")
-                for row in rows
-                if row.system == name
-            ),
-        )
-        for name in dict.fromkeys(row.system for row in rows)
-    ]
-    front = pareto_front(mark for one in series for mark in one.marks)
-    title = f"Speed of the {end} and quality, all operating points"
-    return Chart(
-        f"{end}_points", title, f"seconds at the {end}", "PSNR of target views, dB", tuple(series), True, front=front
-    )
+    curves: dict[str, list[Mark]] = {}
+    for row in rows:
+        mark = Mark(max(getattr(row, field), 1e-4), row.psnr, f"{row.setting}, {row.kib:.1f} KiB")
+        curves.setdefault(row.system, []).append(mark)
+    series = [Series(name, tuple(marks)) for name, marks in curves.items()]
+    return _chart(end, "points", ", all operating points", series)
 
 
 def _steps(steps: dict[str, dict[str, float]]) -> str:

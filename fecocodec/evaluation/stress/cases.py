@@ -130,11 +130,7 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
         ("baseline said to be 1%", lambda: perturbations.closer_together(views, 0.01, two), _lost(0.5)),
         ("baseline said to be 10 times", lambda: perturbations.closer_together(views, 10.0, two), _lost(0.5)),
         ("focal length 20% wrong", lambda: perturbations.with_focal(views, 1.2), _lost(1.0)),
-        (
-            "OpenGL axes",
-            lambda: perturbations.with_axes(views, (1.0, -1.0, -1.0)),
-            _warned("axes reversed"),
-        ),
+        ("OpenGL axes", lambda: perturbations.with_axes(views, (1.0, -1.0, -1.0)), _warned("axes reversed")),
         ("mirrored axes", lambda: perturbations.with_axes(views, (-1.0, 1.0, 1.0)), REFUSED),
         ("depth bounds 10 times too wide", lambda: perturbations.with_bounds(views, 0.1, 10.0), _lost(1.0)),
         ("depth bounds 1000 times too wide", lambda: perturbations.with_bounds(views, 1e-3, 1e3), _lost(1.0)),

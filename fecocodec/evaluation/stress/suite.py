@@ -55,13 +55,13 @@ class Verdict:
 
     case: str
     rule: str
-    psnr: float | None
-    lost: float | None
-    kib: float | None
-    ahead: float | None
-    baseline_kib: float | None
-    warnings: int
-    complaint: str
+    psnr: float | None = None
+    lost: float | None = None
+    kib: float | None = None
+    ahead: float | None = None
+    baseline_kib: float | None = None
+    warnings: int = 0
+    complaint: str = ""
 
     @property
     def is_passed(self) -> bool:
@@ -86,20 +86,11 @@ class StressSuite:
         except (FecoError, RuntimeError, ArithmeticError, ValueError) as error:
             was_refused = case.rule.is_refused and isinstance(error, InputError)
             complaint = "" if was_refused else f"{type(error).__name__}: {error}"
-            return Verdict(case.name, str(case.rule), None, None, None, None, None, 0, complaint)
+            return Verdict(case.name, str(case.rule), complaint=complaint)
         baseline = reconstruct_at(self._codec, len(found.data), trial.views, trial.num_context)
         ahead = found.psnr - _psnr_of_targets(baseline.images, trial)
-        return Verdict(
-            case=case.name,
-            rule=str(case.rule),
-            psnr=found.psnr,
-            lost=reference.psnr - found.psnr,
-            kib=len(found.data) / 1024,
-            ahead=ahead,
-            baseline_kib=baseline.num_bytes / 1024,
-            warnings=len(found.warnings),
-            complaint=_not_finite(found, gaussians) or case.rule.complaint(found, reference, ahead),
-        )
+        verdict = _verdict(case.name, case.rule, found, gaussians, reference, ahead)
+        return replace(verdict, baseline_kib=baseline.num_bytes / 1024)
 
     def judge_generations(self, name: str, trial: Trial) -> Verdict:
         """Encode and decode a scene GENERATIONS times, each time from the renderings of the previous generation.
@@ -113,17 +104,7 @@ class StressSuite:
             renderings = render_views(gaussians, views)[context]
             rendered = replace(views, images=torch.cat((renderings, views.images[len(context) :])))
             found, gaussians = self._run(Trial(rendered, trial.num_context))
-        return Verdict(
-            case=self.name_of_generations(name),
-            rule=str(RULE_OF_GENERATIONS),
-            psnr=found.psnr,
-            lost=first.psnr - found.psnr,
-            kib=len(found.data) / 1024,
-            ahead=None,
-            baseline_kib=None,
-            warnings=len(found.warnings),
-            complaint=_not_finite(found, gaussians) or RULE_OF_GENERATIONS.complaint(found, first, None),
-        )
+        return _verdict(self.name_of_generations(name), RULE_OF_GENERATIONS, found, gaussians, first)
 
     @staticmethod
     def name_of_generations(name: str) -> str:
@@ -147,6 +128,21 @@ class StressSuite:
         elif left_out := left_out_quality(receiver, data, context):
             warnings += left_out_warnings(left_out, context.names)
         return Coded(data, _psnr_of_targets(render_views(gaussians, trial.views), trial), tuple(warnings)), gaussians
+
+
+def _verdict(
+    case: str, rule: Rule, found: Coded, gaussians: Gaussians, reference: Coded, ahead: float | None = None
+) -> Verdict:
+    return Verdict(
+        case,
+        str(rule),
+        psnr=found.psnr,
+        lost=reference.psnr - found.psnr,
+        kib=len(found.data) / 1024,
+        ahead=ahead,
+        warnings=len(found.warnings),
+        complaint=_not_finite(found, gaussians) or rule.complaint(found, reference, ahead),
+    )
 
 
 def _as_read(trial: Trial) -> Trial:

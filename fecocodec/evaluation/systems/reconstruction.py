@@ -52,16 +52,14 @@ class System:
 
         A run that compiles kernels, which happens once a machine, is repeated, so that its times are without that.
         """
+        run = partial(self.reconstruct, views, num_context)
+        if guides is not None and self.learn is not None:
+            run = partial(self.learn, views, num_context, guides)
         compiled: list[None] = []
         on_compilation = partial(compiled.append, None)
         ON_COMPILATION.append(on_compilation)
         try:
-            found = self._run(views, num_context, guides)
+            found = run()
         finally:
             ON_COMPILATION.remove(on_compilation)
-        return self._run(views, num_context, guides) if compiled else found
-
-    def _run(self, views: Views, num_context: int, guides: Views | None) -> Reconstruction:
-        if guides is None or self.learn is None:
-            return self.reconstruct(views, num_context)
-        return self.learn(views, num_context, guides)
+        return run() if compiled else found
