@@ -17,7 +17,7 @@ from .paths import require_input
 if TYPE_CHECKING:
     from fecocodec.training.configurations import Configuration
 
-PERCEPTUAL_NAMES = ("lpips", "st-lpips", "none")
+_PAIR = {"type": float, "nargs": 2}
 
 
 @parsed
@@ -29,78 +29,60 @@ def _parse_views(value: str) -> tuple[tuple[int, float], ...]:
     return tuple((int(count), float(share or 1)) for count, _, share in entries)
 
 
-_OPTIONS: dict[str, Callable[..., Any]] = {
-    "num_steps": click.option("--steps", "num_steps", type=int, help="Number of steps of the optimiser."),
-    "one_stage_until": click.option(
-        "--one-stage-steps", "one_stage_until", type=int, help="Number of first steps that train stage 1 only."
-    ),
-    "bypass_until": click.option(
-        "--bypass-steps", "bypass_until", type=int, help="Number of first steps without rate term and quantisation."
-    ),
-    "num_scenes": click.option(
+# Of each field of a configuration: its option, the values that it takes, and its help.
+_FIELDS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "num_steps": ("--steps", {"type": int}, "Number of steps of the optimiser."),
+    "one_stage_until": ("--one-stage-steps", {"type": int}, "Number of first steps that train stage 1 only."),
+    "bypass_until": ("--bypass-steps", {"type": int}, "Number of first steps without rate term and quantisation."),
+    "num_scenes": (
         "--scenes",
-        "num_scenes",
-        type=int,
-        help="Batch size: scenes per step and process, for the first --views and --size.",
+        {"type": int},
+        "Batch size: scenes per step and process, for the first --views and --size.",
     ),
-    "view_shares": click.option(
+    "view_shares": (
         "--views",
-        "view_shares",
-        callback=_parse_views,
-        help="Number of context views: 2, or probabilities such as 2:0.8,4:0.2.",
+        {"callback": _parse_views},
+        "Number of context views: 2, or probabilities such as 2:0.8,4:0.2.",
     ),
-    "num_target": click.option("--targets", "num_target", type=int, help="Number of target views per scene."),
-    "sizes": click.option(
+    "num_target": ("--targets", {"type": int}, "Number of target views per scene."),
+    "sizes": (
         "--size",
-        "sizes",
-        multiple=True,
-        callback=parse_size,
-        metavar="WxH",
-        help="Image size in pixels. Repeat the option for several sizes. Small sizes need --views 2.",
+        {"multiple": True, "callback": parse_size, "metavar": "WxH"},
+        "Image size in pixels. Repeat the option for several sizes. Small sizes need --views 2.",
     ),
-    "learning_rate": click.option("--learning-rate", type=float, help="Peak learning rate."),
-    "lambda_range": click.option("--lambda-range", type=float, nargs=2, help="Smallest and largest lambda."),
-    "photograph_share": click.option(
-        "--photograph-share", type=float, nargs=2, help="Fraction of photographs, at the first and last step."
-    ),
-    "disparity_weight": click.option(
-        "--depth-weight",
-        "disparity_weight",
-        type=float,
-        nargs=2,
-        help="Weight of the depth loss, at first and last step.",
-    ),
-    "perceptual_weight": click.option(
+    "learning_rate": ("--learning-rate", {"type": float}, "Peak learning rate."),
+    "lambda_range": ("--lambda-range", _PAIR, "Smallest and largest lambda."),
+    "photograph_share": ("--photograph-share", _PAIR, "Fraction of photographs, at the first and last step."),
+    "disparity_weight": ("--depth-weight", _PAIR, "Weight of the depth loss, at first and last step."),
+    "perceptual_weight": (
         "--perceptual-weight",
-        type=click.FloatRange(min=0),
-        help="Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
+        {"type": click.FloatRange(min=0)},
+        "Weight of ST-LPIPS in the loss, for sharper pictures of lower PSNR.",
     ),
-    "perceptual": click.option(
+    "perceptual": (
         "--perceptual",
-        type=click.Choice(list(PERCEPTUAL_NAMES)),
-        help="Perceptual distance in the loss of the paper's configurations.  [default: lpips (VGG16)]",
+        {"type": click.Choice(["lpips", "st-lpips", "none"])},
+        "Perceptual distance in the loss of the paper's configurations.  [default: lpips (VGG16)]",
     ),
-    "optimised_share": click.option(
+    "optimised_share": (
         "--optimised-share",
-        type=click.FloatRange(0.0, 1.0),
-        help="Fraction of the steps that train the receiver on latents optimised as in encoding.",
+        {"type": click.FloatRange(0.0, 1.0)},
+        "Fraction of the steps that train the receiver on latents optimised as in encoding.",
     ),
-    "precision": click.option(
-        "--precision", type=click.Choice(["float32", "bfloat16"]), help="Number type of convolutions and attention."
+    "precision": (
+        "--precision",
+        {"type": click.Choice(["float32", "bfloat16"])},
+        "Number type of convolutions and attention.",
     ),
-    "frozen": click.option(
+    "frozen": (
         "--freeze",
-        "frozen",
-        multiple=True,
-        type=click.Choice(["receiver", "extractor", "matching"]),
-        help="Do not train this part. matching: all of the extractor except the fusion of its features. Repeatable.",
+        {"multiple": True, "type": click.Choice(["receiver", "extractor", "matching"])},
+        "Do not train this part. matching: all of the extractor except the fusion of its features. Repeatable.",
     ),
-    "kept_batches": click.option(
+    "kept_batches": (
         "--keep",
-        "kept_batches",
-        type=click.IntRange(min=0),
-        metavar="BATCHES",
-        help="Keep so many batches per process in memory with the results of the frozen extractor or matching.",
+        {"type": click.IntRange(min=0), "metavar": "BATCHES"},
+        "Keep so many batches per process in memory with the results of the frozen extractor or matching.",
     ),
 }
 data_options = with_options(
@@ -127,7 +109,10 @@ def check_inputs(paths: tuple[Path | None, ...], overrides: dict[str, Any]) -> N
 
 def configuration_options(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator that adds options of `overridden`: these, or all. Those that are not given are None."""
-    return with_options(*(_OPTIONS[name] for name in names or _OPTIONS))
+    chosen = {name: _FIELDS[name] for name in names or _FIELDS}
+    return with_options(
+        *(click.option(option, name, help=text, **values) for name, (option, values, text) in chosen.items())
+    )
 
 
 def overridden(configuration: "Configuration", overrides: dict[str, Any]) -> "Configuration":

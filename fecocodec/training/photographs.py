@@ -95,7 +95,6 @@ class PosedScene:
     covisibility: share of what one frame sees that another sees too, symmetric.
     """
 
-    name: str
     paths: tuple[Path, ...]
     lens: Lens
     extrinsics: Float[np.ndarray, "frame 4 4"]
@@ -148,7 +147,6 @@ def read_posed_scene(folder: Path) -> PosedScene:
         intrinsics = np.tile(framed_intrinsics(lens, (height, width)), (len(photographs), 1, 1))
         covisibility = frustum_overlap(extrinsics, intrinsics, scene.near, scene.far)
     return PosedScene(
-        name=folder.name,
         paths=tuple(photograph.path for photograph in photographs),
         lens=lens,
         extrinsics=extrinsics,
@@ -185,10 +183,6 @@ class Photographs:
             context_pairs(scene.covisibility, relative_baselines(scene.extrinsics, scene.near, scene.far))
             for scene in self._scenes
         ]
-
-    @property
-    def scene_names(self) -> tuple[str, ...]:
-        return tuple(scene.name for scene in self._scenes)
 
     @property
     def most_frames(self) -> int:

@@ -51,15 +51,9 @@ LOG_COLUMNS = (
 
 def append_row(path: Path, row: dict[str, float]) -> None:
     """Append a row to a CSV file of `LOG_COLUMNS`; missing columns are empty. Raises OutputError if writing fails."""
-    is_new = not path.exists()
-    try:
-        with path.open("a", newline="") as file:
-            writer = csv.DictWriter(file, LOG_COLUMNS, extrasaction="ignore")
-            if is_new:
-                writer.writeheader()
-            writer.writerow({name: f"{value:.6g}" for name, value in row.items()})
-    except OSError as error:
-        raise OutputError(f"{path}: the log cannot be written ({error.strerror}); check free space.") from error
+    cells = (f"{row[name]:.6g}" if name in row else "" for name in LOG_COLUMNS)
+    rows = [cells] if path.exists() else [LOG_COLUMNS, cells]
+    _append(path, "".join(f"{','.join(row)}\r\n" for row in rows))
 
 
 def remove_rows_after(path: Path, step: int) -> None:
@@ -81,8 +75,12 @@ def mean_of_rows(rows: list[dict[str, float]]) -> dict[str, float]:
 
 def append_lines(path: Path, lines: tuple[str, ...]) -> None:
     """Append lines to a text file. Raises OutputError if the file cannot be written."""
+    _append(path, "".join(f"{line}\n" for line in lines))
+
+
+def _append(path: Path, text: str) -> None:
     try:
-        with path.open("a", encoding="utf-8") as file:
-            file.writelines(f"{line}\n" for line in lines)
+        with path.open("a", encoding="utf-8", newline="") as file:
+            file.write(text)
     except OSError as error:
         raise OutputError(f"{path}: the log cannot be written ({error.strerror}); check free space.") from error

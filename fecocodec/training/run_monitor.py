@@ -5,7 +5,6 @@ Scores come from streams that are encoded and decoded.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from statistics import fmean
 
@@ -32,7 +31,7 @@ from fecocodec.sender.optimisation_config import FAST
 from fecocodec.training.batch import Batch, BatchShape
 from fecocodec.training.processes import is_first
 from fecocodec.training.run_files import append_lines
-from fecocodec.training.samples import Sample, SampleSource
+from fecocodec.training.samples import Sample
 from fecocodec.training.sources import Sources, draw_batch
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import Coding, run_stages
@@ -40,45 +39,7 @@ from fecocodec.training.training_pass import Coding, run_stages
 _VALIDATION_SEED, _PICTURES_SEED = 21, 20
 NUM_SCENES = 4  # of the pictures; half of them photographs, if there are any
 SAMPLE_LAMBDA = 1e-4
-
-
-@dataclass(frozen=True)
-class ValidationRow:
-    """Means over the validation scenes at one lambda. bpp: bits of the streams per context pixel. psnr in dB."""
-
-    lmbda: float
-    bpp: float
-    psnr: float
-    st_lpips: float
-
-
-VALIDATION_HEADER = "\t".join(("step", *(field.name for field in fields(ValidationRow))))
-
-
-def draw_validation_scenes(source: SampleSource, shape: BatchShape, num_scenes: int) -> tuple[Sample, ...]:
-    """Draw scenes, equal in every run with the same source and shape."""
-    generator = torch.Generator().manual_seed(_VALIDATION_SEED)
-    size = {"num_context": shape.num_context, "num_target": shape.num_target, "size": shape.size}
-    return tuple(source.sample(generator, **size) for _ in range(num_scenes))  # type: ignore[arg-type]
-
-
-def validate(codec: Codec, samples: tuple[Sample, ...], lambda_q_range: tuple[int, int]) -> tuple[ValidationRow, ...]:
-    """Encode, decode and render the scenes at the ends and the middle of a range of quantised lambda.
-
-    Latents are not optimised. A model of three stages is measured with the two that a stream holds.
-    """
-    lowest, highest = lambda_q_range
-    lambdas = sorted({lowest, (lowest + highest) // 2, highest})
-    return tuple(_validation_row(codec, samples, lambda_q) for lambda_q in lambdas)
-
-
-def means_of(rows: tuple[ValidationRow, ...]) -> dict[str, float]:
-    """Return the means over the values of lambda, by column of the log."""
-    return {
-        "val_psnr": fmean(row.psnr for row in rows),
-        "val_st_lpips": fmean(row.st_lpips for row in rows),
-        "val_bpp": fmean(row.bpp for row in rows),
-    }
+VALIDATION_HEADER = "step\tlmbda\tbpp\tpsnr\tst_lpips"
 
 
 @contextmanager
@@ -92,15 +53,12 @@ def weights_replaced(networks: nn.Module, weights: dict[str, Tensor]) -> Iterato
         networks.load_state_dict(before)
 
 
-def _validation_row(codec: Codec, samples: tuple[Sample, ...], lambda_q: int) -> ValidationRow:
-    scores = [_score(codec, sample, lambda_q) for sample in samples]
-    bpp, quality, distance = (fmean(values) for values in zip(*scores, strict=True))
-    return ValidationRow(dequantise_lambda(lambda_q), bpp, quality, distance)
-
-
 @torch.no_grad()
 def _score(codec: Codec, sample: Sample, lambda_q: int) -> tuple[float, float, float]:
-    """Return bits per context pixel, PSNR and ST-LPIPS of the target views of one scene."""
+    """Return bits of the stream per context pixel, PSNR (dB) and ST-LPIPS of the target views of one scene.
+
+    Latents are not optimised. A model of three stages is measured with the two that a stream holds.
+    """
     context = sample.views.select(list(range(sample.num_context)))
     data = encode_with(codec, context, lambda_q, MAX_STAGES, FAST)
     gaussians = decode_with(codec.receiver, data).gaussians.to(codec.device)
@@ -135,17 +93,8 @@ def sample_grid(
     """
     device = scenes[0].images.device
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
-        return torch.cat([_grid_row(sender, receiver, scene, coding, num_stages) for scene in scenes], dim=1).clamp(
-            0, 1
-        )
-
-
-def write_sample_grid(folder: Path, step: int, grid: Float[Tensor, "3 rows columns"]) -> Path:
-    """Write `samples/step_000123.png` to the folder of a run; returns its path."""
-    path = folder / "samples" / f"step_{step:06}.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_image(path, grid.cpu(), overwrite=True)
-    return path
+        rows = [_grid_row(sender, receiver, scene, coding, num_stages) for scene in scenes]
+    return torch.cat(rows, dim=1).clamp(0, 1)
 
 
 def _grid_row(
@@ -173,30 +122,37 @@ class RunMonitor:
 
     def __init__(self, trainer: Trainer) -> None:
         self.trainer = trainer
-        self._validation_scenes: tuple[Sample, ...] = ()
+        self._validation_scenes: list[Sample] = []
         self._fixed_scenes: list[Batch] = []
 
     def validate(self) -> dict[str, float]:
         """Measure the validation scenes with the averaged weights, if there are any; returns columns of the log.
 
-        Only the first process measures. Scores by lambda go to `validation.txt`, separated by tabs.
+        Only the first process measures, at the ends and the middle of the range of lambda, scenes that are equal in
+        every run. Scores by lambda go to `validation.txt`, separated by tabs; the log has the means over lambda.
         """
         trainer, settings = self.trainer, self.trainer.settings
-        configuration = settings.configuration
-        if trainer.sources.validation is None or not is_first():
+        source, (lowest, highest) = trainer.sources.validation, settings.configuration.lambda_q_range
+        if source is None or not is_first():
             return {}
         if not self._validation_scenes:
-            shape = configuration.shapes.usual
-            self._validation_scenes = draw_validation_scenes(
-                trainer.sources.validation, shape, settings.validation_scenes
-            )
+            shape, generator = settings.configuration.shapes.usual, torch.Generator().manual_seed(_VALIDATION_SEED)
+            size = {"num_context": shape.num_context, "num_target": shape.num_target, "size": shape.size}
+            self._validation_scenes = [
+                source.sample(generator, **size)  # type: ignore[arg-type]
+                for _ in range(settings.validation_scenes)
+            ]
+        rows = []
         with weights_replaced(trainer.networks, trainer.average):
             codec = Codec(trainer.sender, trainer.receiver, bytes(MODEL_ID_BYTES))  # an id that no model has
-            rows = validate(codec, self._validation_scenes, configuration.lambda_q_range)
+            for lambda_q in sorted({lowest, (lowest + highest) // 2, highest}):
+                scores = [_score(codec, sample, lambda_q) for sample in self._validation_scenes]
+                rows.append((dequantise_lambda(lambda_q), *map(fmean, zip(*scores, strict=True))))
         table = settings.folder / "validation.txt"
-        lines = tuple("\t".join(f"{value:.6g}" for value in (trainer.step, *astuple(row))) for row in rows)
+        lines = tuple("\t".join(f"{value:.6g}" for value in (trainer.step, *row)) for row in rows)
         append_lines(table, lines if table.exists() else (VALIDATION_HEADER, *lines))
-        return means_of(rows)
+        _, bpp, quality, distance = map(fmean, zip(*rows, strict=True))
+        return {"val_psnr": quality, "val_st_lpips": distance, "val_bpp": bpp}
 
     def draw_samples(self) -> Path:
         """Render the fixed scenes with the present weights, write the image and return its path."""
@@ -207,4 +163,7 @@ class RunMonitor:
         is_single = trainer.step < settings.configuration.schedule.one_stage_until
         num_stages = 1 if is_single else settings.configuration.receiver.num_stages
         grid = sample_grid(trainer.sender, trainer.receiver, self._fixed_scenes, trainer.coding, num_stages)
-        return write_sample_grid(settings.folder, trainer.step, grid)
+        path = settings.folder / "samples" / f"step_{trainer.step:06}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_image(path, grid.cpu(), overwrite=True)
+        return path

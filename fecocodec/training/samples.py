@@ -51,13 +51,8 @@ class Captured:
     far: float
 
 
-@dataclass(frozen=True)
-class _Crop:
-    """A window of a stored photograph: left and top in pixels, and its size (height, width) in pixels."""
-
-    left: int
-    top: int
-    size: tuple[int, int]
+_Crop = tuple[int, int, int, int]
+"""A window of a stored photograph: top, left, height and width in pixels."""
 
 
 def augment(
@@ -99,21 +94,22 @@ def _crops(
     # Photographers keep the subject in the middle; far corners of different frames would not overlap.
     middle = rng.uniform(0.25, 0.75, 2)
     corners = np.clip(middle + rng.uniform(-spread, spread, (count, 2)), 0, 1) * room
-    return [_Crop(int(left), int(top), window) for top, left in corners]
+    return [(int(top), int(left), *window) for top, left in corners]
 
 
 def _resized(image: UInt8[Tensor, "3 h w"], crop: _Crop, size: tuple[int, int]) -> Float[Tensor, "3 height width"]:
     """Resize a window with antialiasing (area-weighted); returns sRGB in [0, 1]."""
-    window = image[None, :, crop.top : crop.top + crop.size[0], crop.left : crop.left + crop.size[1]]
+    top, left, height, width = crop
+    window = image[None, :, top : top + height, left : left + width]
     resized = torch.nn.functional.interpolate(window, size, mode="bilinear", antialias=True, align_corners=False)
     return resized[0].float() / 255
 
 
 def _cropped_intrinsics(lens: Lens, crop: _Crop) -> Float[Tensor, "3 3"]:
     """Return the normalised intrinsics of a window of a photograph."""
-    height, width = crop.size
-    focal_x, centre_x = lens.fx / width, (lens.cx - crop.left) / width
-    focal_y, centre_y = lens.fy / height, (lens.cy - crop.top) / height
+    top, left, height, width = crop
+    focal_x, centre_x = lens.fx / width, (lens.cx - left) / width
+    focal_y, centre_y = lens.fy / height, (lens.cy - top) / height
     return torch.tensor([[focal_x, 0.0, centre_x], [0.0, focal_y, centre_y], [0.0, 0.0, 1.0]])
 
 

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from fecocodec.runtime.graphs import Graphs
-from fecocodec.training.graphs.exported_forms import with_exact_layers
+from fecocodec.training.graphs.exported_forms import with_exported_forms
 from tests.vectors.tiny_model import TINY_MODEL, empty_prior, load_prior, tiny_model_id
 
 FOLDER = Path(__file__).parent / "tiny_graphs"
@@ -21,7 +21,7 @@ def export_tiny_graphs(folder: Path) -> None:
     from fecocodec.training.graphs.specification import prior_graphs
 
     weights = TINY_MODEL.read_bytes()
-    write_graphs(prior_graphs(with_exact_layers(load_prior(weights, empty_prior()))), weights, folder)
+    write_graphs(prior_graphs(with_exported_forms(load_prior(weights, empty_prior()))), weights, folder)
 
 
 if __name__ == "__main__":

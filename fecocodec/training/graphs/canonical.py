@@ -33,7 +33,9 @@ def make_canonical(model: onnx.ModelProto, inputs: dict[str, GraphInput]) -> Non
     constants = {tensor.name: tensor for tensor in graph.initializer}
     used = [constants[name] for name in dict.fromkeys(_inputs_of(nodes)) if name in constants]
     _replace(graph.node, [_renamed_node(node, names) for node in nodes])
-    _replace(graph.initializer, [_renamed_tensor(tensor, names) for tensor in used])
+    _replace(graph.initializer, used)
+    for tensor in graph.initializer:
+        tensor.name, tensor.doc_string = names.get(tensor.name, tensor.name), ""
     _name_dimensions(graph, inputs)
     _remove_notes(model)
 
@@ -81,13 +83,6 @@ def _renamed_node(node: NodeProto, names: dict[str, str]) -> NodeProto:
     renamed.attribute.extend(sorted(node.attribute, key=lambda attribute: attribute.name))
     for attribute in renamed.attribute:
         attribute.doc_string = ""
-    return renamed
-
-
-def _renamed_tensor(tensor: TensorProto, names: dict[str, str]) -> TensorProto:
-    renamed = TensorProto()
-    renamed.CopyFrom(tensor)
-    renamed.name, renamed.doc_string = names.get(tensor.name, tensor.name), ""
     return renamed
 
 

@@ -15,17 +15,17 @@ from onnxscript import optimizer
 
 from fecocodec.atomic import make_folder, write_file
 from fecocodec.checkpoint import RECEIVER_FILE, model_id_of
+from fecocodec.model_files import GRAPHS_FOLDER
 from fecocodec.progress import OnProgress, ignore_progress
 from fecocodec.receiver.model import load_receiver
 from fecocodec.training.graphs.canonical import link_weights, make_canonical
-from fecocodec.training.graphs.exported_forms import sampled, with_exact_layers, with_exported_blocks
+from fecocodec.training.graphs.exported_forms import sampled, with_exported_forms
 from fecocodec.training.graphs.networks import network_graphs
 from fecocodec.training.graphs.specification import Graph, prior_graphs
 
 OPSET = 20  # the first with GELU
 LARGEST_FOLDED = 1024  # bytes of a tensor that folding of constants may write into a graph
 SUBSTITUTES = {torch.ops.aten.grid_sampler.default: sampled}  # for operators that onnxruntime computes slowly
-GRAPHS = "graphs"  # folder of the graphs, beside the weights
 
 
 def export_receiver(folder: Path, on_progress: OnProgress = ignore_progress) -> None:
@@ -34,9 +34,9 @@ def export_receiver(folder: Path, on_progress: OnProgress = ignore_progress) -> 
     Raises ModelError if the weights cannot be read, OutputError if the folder cannot be written.
     """
     path = folder / RECEIVER_FILE
-    receiver, _ = load_receiver(path)
-    graphs = network_graphs(with_exported_blocks(receiver)) | prior_graphs(with_exact_layers(receiver.prior))
-    write_graphs(graphs, path.read_bytes(), folder / GRAPHS, on_progress)
+    receiver = with_exported_forms(load_receiver(path)[0])
+    graphs = network_graphs(receiver) | prior_graphs(receiver.prior)
+    write_graphs(graphs, path.read_bytes(), folder / GRAPHS_FOLDER, on_progress)
 
 
 def write_graphs(

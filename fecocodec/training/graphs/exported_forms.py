@@ -62,18 +62,6 @@ def upsampled(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     return rearrange(pixels, "(n h w) (i j c) -> n (h i) (w j) c", n=n, h=h, w=w, i=2, j=2).permute(0, 3, 1, 2)
 
 
-def with_exported_blocks(module: Network) -> Network:
-    """Replace the blocks of a module that have an exported form, in place, and return it."""
-    for name, child in module.named_children():
-        if isinstance(child, AdaptiveNorm):
-            setattr(module, name, ExportedNorm(child))
-        elif isinstance(child, nn.Sequential) and isinstance(child[-1], PixelShuffle):
-            setattr(module, name, ExportedUpsample(*child))
-        else:
-            with_exported_blocks(child)
-    return module
-
-
 class ExactLinear(nn.Module):
     """`FixedPointLinear` with the integers of the weights file as buffers: clip((x @ weight + bias + 2^11) >> 12).
 
@@ -100,13 +88,17 @@ class ExactLinear(nn.Module):
         return torch.floor(sums).clamp(ACTIVATION_LOWEST, ACTIVATION_HIGHEST)
 
 
-def with_exact_layers(module: Network) -> Network:
-    """Replace all fixed-point layers of a module, in place, and return it."""
+def with_exported_forms(module: Network) -> Network:
+    """Replace the blocks and layers of a module that have an exported form, in place, and return it."""
     for name, child in module.named_children():
-        if isinstance(child, FixedPointLinear):
+        if isinstance(child, AdaptiveNorm):
+            setattr(module, name, ExportedNorm(child))
+        elif isinstance(child, nn.Sequential) and isinstance(child[-1], PixelShuffle):
+            setattr(module, name, ExportedUpsample(*child))
+        elif isinstance(child, FixedPointLinear):
             setattr(module, name, ExactLinear(child))
         else:
-            with_exact_layers(child)
+            with_exported_forms(child)
     return module
 
 

@@ -1,6 +1,7 @@
 """Inputs of graphs, and the graphs of the entropy model."""
 
 from dataclasses import dataclass
+from inspect import signature
 
 import torch
 from einops import rearrange
@@ -142,6 +143,12 @@ class Graph:
     outputs: tuple[str, ...]
 
 
+def graph_of(module: nn.Module, known: dict[str, GraphInput], *outputs: str) -> Graph:
+    """Return the graph of a module. known: inputs by name, among them those that its `forward` takes."""
+    names = signature(module.forward).parameters
+    return Graph(module, {name: known[name] for name in names if name in known}, outputs)
+
+
 def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
     """Return the graphs of an entropy model with exact layers, by name."""
     quarter, width = prior.latent_channels // 4, prior.merge_8.weight.shape[-1]
@@ -149,35 +156,22 @@ def prior_graphs(prior: LatentPrior) -> dict[str, Graph]:
     def values(shape: str) -> GraphInput:
         return GraphInput(shape, torch.int32)
 
-    lambda_q, stage = values(""), values("")
-    z_hat = values(f"views rows columns {prior.hyper_channels}")
     features = GraphInput(f"4 views 2*rows 2*columns {width}", torch.float64)
-    quarter_pass, half_pass = values(f"4 views rows columns {quarter}"), values(f"4 views 2*rows columns {quarter}")
+    first = {"features": features, "pass_0": values(f"4 views rows columns {quarter}")}
+    passes = first | {"pass_1": first["pass_0"], "pass_2": values(f"4 views 2*rows columns {quarter}")}
     step = values(f"4 views 2*rows 2*columns {quarter}")
+    two_steps = {"features": features, "step_0": step, "step_1": step}
+    z_hat = values(f"views rows columns {prior.hyper_channels}")
+    known = {"lambda_q": values(""), "stage": values(""), "z_hat": z_hat}
+    known |= {f"context_{number}": step for number in range(4)}
     parameters = ("mean", "table")
     return {
-        "hyper": Graph(HyperGraph(prior), {"lambda_q": lambda_q, "stage": stage}, parameters),
-        "features_1": Graph(FeaturesGraph(prior), {"lambda_q": lambda_q, "z_hat": z_hat}, ("features", *parameters)),
-        "features_2": Graph(
-            ContextFeaturesGraph(prior),
-            {"lambda_q": lambda_q, "z_hat": z_hat} | {f"context_{number}": step for number in range(4)},
-            ("features", *parameters),
-        ),
-        "pass_1": Graph(PassGraph(prior), {"features": features, "pass_0": quarter_pass}, parameters),
-        "pass_2": Graph(
-            PassGraph(prior),
-            {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass},
-            parameters,
-        ),
-        "step_1": Graph(
-            FirstStepGraph(prior),
-            {"features": features, "pass_0": quarter_pass, "pass_1": quarter_pass, "pass_2": half_pass},
-            ("step_0", *parameters),
-        ),
-        "step_2": Graph(StepGraph(prior), {"features": features, "step_0": step, "step_1": step}, parameters),
-        "step_3": Graph(
-            StepGraph(prior),
-            {"features": features, "step_0": step, "step_1": step, "step_2": step},
-            parameters,
-        ),
+        "hyper": graph_of(HyperGraph(prior), known, *parameters),
+        "features_1": graph_of(FeaturesGraph(prior), known, "features", *parameters),
+        "features_2": graph_of(ContextFeaturesGraph(prior), known, "features", *parameters),
+        "pass_1": graph_of(PassGraph(prior), first, *parameters),
+        "pass_2": graph_of(PassGraph(prior), passes, *parameters),
+        "step_1": graph_of(FirstStepGraph(prior), passes, "step_0", *parameters),
+        "step_2": graph_of(StepGraph(prior), two_steps, *parameters),
+        "step_3": graph_of(StepGraph(prior), two_steps | {"step_2": step}, *parameters),
     }

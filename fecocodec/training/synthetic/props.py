@@ -29,11 +29,9 @@ class LocalFrame:
         self._spot = np.asarray(spot)
         self._rotation = yaw_rotation(heading)
 
-    def add(self, kind: int, centre: Triple, half: Triple, material: Material, turn: float = 0.0) -> None:
-        """Add an upright solid given in this frame, turned about the vertical by `turn` radians."""
-        x, y, z = self._spot + self._rotation @ np.asarray(centre)
-        rotation = self._rotation @ yaw_rotation(turn) if turn else self._rotation
-        self._builder.add(kind, (float(x), float(y), float(z)), half, rotation, material)
+    def add(self, kind: int, centre: Triple, half: Triple, material: Material) -> None:
+        """Add an upright solid given in this frame."""
+        self._builder.add(kind, self.at(centre), half, self._rotation, material)
 
     def at(self, centre: Triple) -> Triple:
         """Return the world position of a point of this frame."""
