@@ -33,7 +33,7 @@ def bd_rate(anchor: Sequence[Point], test: Sequence[Point], *, least_overlap: fl
     fewer than two Pareto-optimal points.
     """
     ours, theirs = pareto_front(test), pareto_front(anchor)
-    difference = _mean_difference(_swapped(theirs), _swapped(ours), least_overlap)
+    difference = _mean_difference(theirs[:, ::-1], ours[:, ::-1], least_overlap)
     return None if difference is None else 100.0 * (float(np.exp(difference)) - 1.0)
 
 
@@ -52,10 +52,6 @@ def pareto_front(points: Sequence[Point]) -> Float[np.ndarray, "point 2"]:
         if not front or quality > front[-1][1]:
             front.append((float(np.log(rate)), quality))
     return np.array(front).reshape(-1, 2)
-
-
-def _swapped(curve: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
-    return curve[:, ::-1]
 
 
 def _mean_difference(

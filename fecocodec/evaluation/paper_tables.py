@@ -7,6 +7,7 @@ import csv
 import math
 from collections.abc import Sequence
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,8 @@ def params_of_ends(codec: Codec) -> tuple[float, float]:
     return receiver + count_parameters(codec.sender) / 1e6, receiver
 
 
-def _counted(profile: str, ours: Sequence[str]) -> float:
+@cache
+def _counted(profile: str, ours: tuple[str, ...]) -> float:
     rows = (row for row in parameter_table(profile) if row.module.startswith("extractor."))
     return sum(row.parameters for row in rows if row.module.removeprefix("extractor.") not in ours) / 1e6
 

@@ -41,12 +41,6 @@ def build_optimiser(networks: nn.Module, config: OptimiserConfig) -> torch.optim
     return torch.optim.AdamW(groups, lr=1.0, betas=config.betas, weight_decay=config.weight_decay, fused=True)
 
 
-def cosine_with_warm_up(peak: float, step: int, num_steps: int, warm_up: int) -> float:
-    """Return the learning rate at `step`: linear warm-up over `warm_up` steps, times a cosine from `peak` to zero."""
-    progress = min(1.0, step / num_steps)
-    return peak * min(1.0, (step + 1) / warm_up) * 0.5 * (1.0 + math.cos(math.pi * progress))
-
-
 def clipped_step(optimiser: torch.optim.Optimizer, networks: nn.Module, learning_rate: float) -> float:
     """Average the gradients over the processes, clip them to norm 1 and take one step.
 
@@ -112,8 +106,9 @@ class Schedule:
             raise InputError(f"The weight of depth is {self.disparity_weight}; give two numbers of 0 or more.")
 
     def learning_rate_at(self, step: int) -> float:
-        """Return the learning rate at a step: linear warm-up, then cosine to zero."""
-        return cosine_with_warm_up(self.learning_rate, step, self.num_steps, self.warm_up)
+        """Return the learning rate at a step: linear warm-up over `warm_up` steps, times a cosine to zero."""
+        cosine = 0.5 * (1.0 + math.cos(math.pi * min(1.0, step / self.num_steps)))
+        return self.learning_rate * min(1.0, (step + 1) / self.warm_up) * cosine
 
     def photograph_share_at(self, step: int) -> float:
         return self._between(self.photograph_share, step)

@@ -48,7 +48,6 @@ def draw_batch(
     """
     samples = [draw_sample(sources, generator, shape, photograph_share) for _ in range(shape.num_scenes)]
     normalised = [normalise_scene(sample.views.cameras) for sample in samples]
-    cameras = [cameras for cameras, _ in normalised]
     depths = [
         torch.full_like(sample.views.images[:, 0], float("nan")) if sample.depth is None else sample.depth / frame.scale
         for sample, (_, frame) in zip(samples, normalised, strict=True)
@@ -56,9 +55,7 @@ def draw_batch(
     lowest, highest = lambda_q_range
     return Batch(
         images=torch.stack([sample.views.images for sample in samples]),
-        cameras=Cameras(
-            *(torch.stack([getattr(c, name) for c in cameras]) for name in ("extrinsics", "intrinsics", "near", "far"))
-        ),
+        cameras=Cameras(*map(torch.stack, zip(*(cameras.fields() for cameras, _ in normalised), strict=True))),
         depth=torch.stack(depths).float(),
         num_context=shape.num_context,
         lambda_q=torch.randint(lowest, highest + 1, (shape.num_scenes,), generator=generator),

@@ -155,19 +155,10 @@ def fit_tables(receiver: Receiver, coded: list[Coded]) -> None:
 def _counts(tables: np.ndarray, choose: Choose, size: Size) -> Int[np.ndarray, "plane 16 magnitude"]:
     """Return how often each magnitude, up to the last, occurs in each context with these tables."""
     _, symbols = encode_detail(tables, choose, size)
-    return np.stack(
-        [
-            np.stack(
-                [
-                    np.bincount(
-                        np.minimum(np.abs(plane[bucket == number]), LAST_MAGNITUDE), minlength=LAST_MAGNITUDE + 1
-                    )
-                    for number in range(NUM_BUCKETS)
-                ]
-            )
-            for plane, bucket in zip(symbols, buckets(symbols), strict=True)
-        ]
-    )
+    counts = np.zeros((len(symbols), NUM_BUCKETS, LAST_MAGNITUDE + 1), np.int64)
+    planes = np.arange(len(symbols))[:, None, None, None]
+    np.add.at(counts, (planes, buckets(symbols), np.minimum(np.abs(symbols), LAST_MAGNITUDE)), 1)
+    return counts
 
 
 def best_tables(counts: Int[np.ndarray, "plane 16 magnitude"]) -> np.ndarray:

@@ -117,7 +117,9 @@ def _measurements(plan: ReportPlan, codec: Codec, label: str, on_study: OnStudy)
         return tuple(measure_all(read, entries, systems, records, label))
 
     on_study("rate and quality")
-    rate = measured(pairs, _rate_systems(plan, codec))
+    rate_systems = systems_of(["codec"], codec, plan.lambdas)
+    rate_systems += systems_of(["fast", "best", "ablations"], codec, plan.few_lambdas)
+    rate = measured(pairs, rate_systems + systems_of(["images", "gaussians", "trivial"], codec, ()))
     on_study("speed and quality")
     speed = measured(pairs, [system for lmbda in plan.few_lambdas for system in speed_systems(codec, lmbda)])
     on_study("bytes and complexity")
@@ -133,14 +135,6 @@ def _complexity(plan: ReportPlan, entries: set[str]) -> dict[str, float]:
     read = open_scenes(plan.root, plan.size)
     found = [entry for entry in read_index(plan.index) if entry.name in entries]
     return {entry.name: photograph_kib(read(entry).select(list(range(len(entry.context))))) for entry in found}
-
-
-def _rate_systems(plan: ReportPlan, codec: Codec) -> tuple[System, ...]:
-    return (
-        *systems_of(["codec"], codec, plan.lambdas),
-        *systems_of(["fast", "best", "ablations"], codec, plan.few_lambdas),
-        *systems_of(["images", "gaussians", "trivial"], codec, ()),
-    )
 
 
 def _loads(plan: ReportPlan, codec: Codec, results: ResultFile) -> tuple[Load, ...]:

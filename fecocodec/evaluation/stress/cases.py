@@ -115,13 +115,13 @@ def cases_of(pair: Trial, name: str) -> tuple[StressCase, ...]:
     views, two = pair.views, pair.num_context
     made: list[Made] = [
         ("reference", lambda: views, _lost(0.0)),
-        ("night with noise", lambda: perturbations.exposed(views, _all(views, 0.02), noise=0.03), _lost(0.0)),
-        ("black", lambda: perturbations.exposed(views, _all(views, 1e-5)), _warned("almost black")),
-        ("overexposed", lambda: perturbations.exposed(views, _all(views, 4.0)), _lost(6.0)),
-        ("exposure differs 4:1", lambda: _exposed(views, (2, 2, 2), (0.5, 0.5, 0.5)), _lost(1.5)),
-        ("white balance differs", lambda: _exposed(views, (1.3, 1, 0.8), (0.8, 1, 1.3)), _lost(0.5)),
+        ("night with noise", lambda: _exposed(views, 0.02, noise=0.03), _lost(0.0)),
+        ("black", lambda: _exposed(views, 1e-5), _warned("almost black")),
+        ("overexposed", lambda: _exposed(views, 4.0), _lost(6.0)),
+        ("exposure differs 4:1", lambda: perturbations.exposed(views, (2, 2, 2), (0.5, 0.5, 0.5)), _lost(1.5)),
+        ("white balance differs", lambda: perturbations.exposed(views, (1.3, 1, 0.8), (0.8, 1, 1.3)), _lost(0.5)),
         ("motion blur of 9 pixels", lambda: perturbations.blurred(views, 9, two), _lost(3.5)),
-        ("noise of 5%", lambda: perturbations.exposed(views, _all(views, 1.0), noise=0.05), _lost(6.5)),
+        ("noise of 5%", lambda: _exposed(views, 1.0, noise=0.05), _lost(6.5)),
         ("poses turned by 0.1 degrees", lambda: perturbations.turned(views, 0.1, two), _lost(0.5)),
         ("poses turned by 1 degree", lambda: perturbations.turned(views, 1.0, two), _lost(0.5)),
         ("poses turned by 5 degrees", lambda: perturbations.turned(views, 5.0, two), _lost(0.5)),
@@ -210,9 +210,5 @@ def room_cases() -> tuple[StressCase, ...]:
     )
 
 
-def _all(views: Views, gain: float) -> torch.Tensor:
-    return torch.full((len(views.images), 3), gain)
-
-
-def _exposed(views: Views, *gains: tuple[float, float, float]) -> Views:
-    return perturbations.exposed(views, perturbations.gains_of(views, *gains))
+def _exposed(views: Views, gain: float, noise: float = 0.0) -> Views:
+    return perturbations.exposed(views, *[(gain, gain, gain)] * len(views.images), noise=noise)

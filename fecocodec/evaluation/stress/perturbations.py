@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -13,18 +12,16 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.views import Views
 
 
-def exposed(views: Views, gains: Float[Tensor, "view 3"], noise: float = 0.0) -> Views:
-    """Multiply linear light by gains, and add Gaussian noise. noise: standard deviation, of sRGB in [0, 1]."""
-    light = views.images.clamp_min(1e-6) ** 2.2 * gains[:, :, None, None]
+def exposed(views: Views, *gains: tuple[float, float, float], noise: float = 0.0) -> Views:
+    """Multiply linear light by (red, green, blue) gains of the first views, and add Gaussian noise to all.
+
+    noise: standard deviation, of sRGB in [0, 1].
+    """
+    of_views = torch.ones(len(views.images), 3)
+    of_views[: len(gains)] = torch.tensor(gains)
+    light = views.images.clamp_min(1e-6) ** 2.2 * of_views[:, :, None, None]
     grain = noise * torch.randn(views.images.shape, generator=torch.Generator().manual_seed(0))
     return replace(views, images=(light ** (1 / 2.2) + grain).clamp(0, 1))
-
-
-def gains_of(views: Views, *per_view: tuple[float, float, float]) -> Float[Tensor, "view 3"]:
-    """Return the given (red, green, blue) gains for the first views, and 1 for the others."""
-    gains = torch.ones(len(views.images), 3)
-    gains[: len(per_view)] = torch.tensor(per_view)
-    return gains
 
 
 def blurred(views: Views, length_px: int, num_context: int) -> Views:
@@ -42,7 +39,8 @@ def turned(views: Views, degrees: float, num_context: int) -> Views:
     extrinsics = views.cameras.extrinsics.clone()
     for view in range(num_context):
         axis = torch.randn(3, generator=generator)
-        extrinsics[view, :3, :3] = extrinsics[view, :3, :3] @ _rotation(axis / axis.norm(), math.radians(degrees))
+        turn = math.radians(degrees) * (axis / axis.norm()).double().numpy()
+        extrinsics[view, :3, :3] @= torch.from_numpy(Rotation.from_rotvec(turn).as_matrix()).float()
     return _with_cameras(views, extrinsics=extrinsics)
 
 
@@ -101,8 +99,3 @@ def resized(views: Views, height: int, width: int) -> Views:
 def _with_cameras(views: Views, **changed: Tensor) -> Views:
     cameras: Cameras = replace(views.cameras, **changed)
     return replace(views, cameras=cameras)
-
-
-def _rotation(axis: Float[Tensor, "3"], radians: float) -> Float[Tensor, "3 3"]:
-    """Rotation matrix about a unit axis."""
-    return torch.from_numpy(Rotation.from_rotvec(radians * axis.double().numpy()).as_matrix()).float()
