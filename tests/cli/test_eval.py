@@ -12,35 +12,29 @@ from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.stress import suite
 from fecocodec.evaluation.stress.suite import Verdict
 from fecocodec.evaluation.summary import Comparison, ExternalRow, averages
+from fecocodec.sender.optimisation_config import EFFORTS, FAST
 from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine, Result
 from tests.example_scenes import MODEL
 
 
-def test_results_are_printed_and_failures_named(fecosplat: CommandLine, random_weights: Path, tmp_path: Path) -> None:
+def test_results_are_printed_and_failures_and_missing_weights_of_a_metric_named(
+    fecosplat: CommandLine, random_weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "is_lpips_there", lambda trunk: trunk != "vgg16")
+    monkeypatch.setattr(evaluation, "quality_charts", lambda *_: ())
+    monkeypatch.setitem(EFFORTS, "default", FAST)
     root, index = write_wall_chunks(tmp_path / "chunks", num_scenes=1), tmp_path / "index.json"
     index.write_text(json.dumps({name: {"context": [0, 2], "target": [1]} for name in ("wall0", "gone")}))
     model = random_weights / MODEL
     arguments = ["eval", root, "--index", index, "-o", tmp_path / "out", "--model", model, "--size", "96x64"]
-    result = fecosplat(*arguments, "--lambdas", "1e-2", "--json")
-    assert result.code == 1
+    result = fecosplat(*arguments, "--lambdas", "1e-2", "--no-strips")
+    assert result.code == 1 and "ST-LPIPS  LPIPS  LPIPS (AlexNet)" in result.out
+    assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in result.err
+    assert "gone, fecosplat, lambda 0.01:" in result.err and "1 measurements failed" in result.err
+    result = fecosplat(*arguments, "--lambdas", "1e-2", "--no-strips", "--json")  # nothing is measured again
     (average,) = json.loads(result.out)["averages"]
     assert average["system"] == "fecosplat" and average["entries"] == 1 and average["kib"] > 0
-    assert "gone, fecosplat, lambda 0.01:" in result.err and "1 measurements failed" in result.err
-
-
-def test_missing_weights_of_a_metric_are_one_sentence(
-    fecosplat: CommandLine, random_weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run, "is_lpips_there", lambda trunk: trunk != "vgg16")
-    root, index = write_wall_chunks(tmp_path / "chunks", num_scenes=1), tmp_path / "index.json"
-    index.write_text(json.dumps({"wall0": {"context": [0, 2], "target": [1]}}))
-    result = fecosplat(
-        *("eval", root, "--index", index, "-o", tmp_path / "out", "--model", random_weights / MODEL),
-        *("--size", "96x64", "--lambdas", "1e-2", "--no-strips"),
-    )
-    assert result.code == 0 and "ST-LPIPS  LPIPS  LPIPS (AlexNet)" in result.out
-    assert "LPIPS (VGG16) was not measured: its weights are in a clone of the repository only" in result.err
 
 
 @pytest.fixture
@@ -82,7 +76,7 @@ def test_external_results_are_listed_below_ours(printed: Callable[..., Result], 
 
 
 def verdicts(*_arguments: object) -> Iterator[tuple[Verdict, float]]:
-    yield Verdict("wall: reference", "≤0", 20.0, 0.0, 3.5, 0.4, 3.4, 0, ""), 0.5
+    yield Verdict("wall: reference", "≤0", 20.0, 0.0, 3.5, 0.4, 3.4), 0.5
     yield Verdict("wall: black", "warned", 40.0, -20.0, 1.5, 0.4, 1.6, 0, 'no warning says "black"'), 1.0
 
 

@@ -1,11 +1,12 @@
 """`fecosplat train`: options over configurations, and one sentence for what cannot be trained.
 
-`fecosplat info --parameters paper`: the paper's profile at the paper's size.
+`fecosplat info --parameters`: the paper's profiles at the paper's size.
 """
 
 import json
 import os
 import signal
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,18 +20,15 @@ from fecocodec.training.configurations import CONFIGURATIONS, Configuration
 from fecocodec.training.trainer import Trainer
 from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine
+from tests.sender.depthsplat_base.public_base_network import PARAMETERS
 
 PAPER = ("--config", "paper-re10k", "--photographs", ".")
 
 
 def parsed(*arguments: str) -> Configuration:
     """The configuration that these options of `train` lead to."""
-    values = dict(command.make_context("train", ["folder", *arguments]).params)
-    name = values["name"]
-    known = {option.name for option in command.params}
-    assert set(values) <= known
-    others = ("folder", "name", "photographs", "textures", "max_minutes", "seed", "start", "model", "device")
-    return overridden(CONFIGURATIONS[name], {key: value for key, value in values.items() if key not in others})
+    values = command.make_context("train", ["folder", *arguments]).params
+    return overridden(CONFIGURATIONS[values["name"]], values)
 
 
 def test_without_options_a_configuration_is_taken_as_it_is() -> None:
@@ -95,58 +93,48 @@ def test_what_cannot_be_trained_is_one_sentence(
     assert not folder.exists()
 
 
-def test_a_run_is_resumed_with_its_own_options_alone(fecosplat: CommandLine, tmp_path: Path) -> None:
-    first = ("train", tmp_path, "--steps", "1", "--views", "2", "--size", "64x64", "--scenes", "1", "--seed", "1")
-    chunks = write_wall_chunks(tmp_path / "chunks", num_scenes=2, num_frames=4)
-    assert fecosplat(*first).code == 0
-    again = fecosplat(*first)
-    assert again.code == 0 and f"{tmp_path}/last.pt: already finished, at step 1\n" in again.err
-    for option, value in (("--seed", "2"), ("--size", "96x64"), ("--photographs", chunks)):
-        other = fecosplat(*first, option, value)
-        assert other.code == 1 and other.err.count("\n") == 1
-        assert f"last.pt: this run began with another {option}; give the first value again" in other.err
-    more = fecosplat(*first, "--steps", "2")
-    assert more.code == 0 and f"{tmp_path}/last.pt: resuming at step 1 of 2\n" in more.err
-
-
-def test_an_interrupted_run_saves_a_checkpoint_and_resumes_from_it(
+def test_a_run_is_resumed_with_its_own_options_alone(
     fecosplat: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """It is interrupted after a step, and saves a checkpoint."""
     step = Trainer.train_step
 
     def interrupted(trainer: Trainer) -> dict[str, float]:
         os.kill(os.getpid(), signal.SIGINT)
         return step(trainer)
 
-    arguments = ("train", tmp_path, "--steps", "3", "--views", "2", "--size", "64x64", "--scenes", "1")
+    first = ("train", tmp_path, "--steps", "2", "--views", "2", "--size", "64x64", "--scenes", "1", "--seed", "1")
     with monkeypatch.context() as patched:
         patched.setattr(Trainer, "train_step", interrupted)
-        result = fecosplat(*arguments)
+        result = fecosplat(*first)
     assert result.code == 130 and result.err.endswith("fecosplat: interrupted\n")
-    assert f"{tmp_path}/last.pt: resuming at step 1 of 3\n" in fecosplat(*arguments).err
+    chunks = write_wall_chunks(tmp_path / "chunks", num_scenes=2, num_frames=4)
+    for option, value in (("--seed", "2"), ("--size", "96x64"), ("--photographs", chunks)):
+        other = fecosplat(*first, option, value)
+        assert other.code == 1 and other.err.count("\n") == 1
+        assert f"last.pt: this run began with another {option}; give the first value again" in other.err
+    for state in ("resuming at step 1 of 2", "already finished, at step 2"):
+        more = fecosplat(*first)
+        assert more.code == 0 and f"{tmp_path}/last.pt: {state}\n" in more.err
 
 
-EXTRACTOR = {
-    "extractor.backbone": 1_049_120,
-    "extractor.transformer": 3_150_336,
-    "extractor.pretrained": 22_056_192,
-    "extractor.regressor": 6_453_504,
-    "extractor.regressor_residual": 98_432,
-}
-
-
-def test_sums_are_the_papers_within_one_percent(fecosplat: CommandLine) -> None:
-    rows = json.loads(fecosplat("info", "--parameters", "paper", "--json").out)
+@pytest.mark.parametrize(("profile", "published"), [("paper", (3.45e6, 37.28e6)), ("paper-large", (3.45e6, 126.11e6))])
+def test_sums_are_the_papers_within_one_percent(
+    fecosplat: CommandLine, profile: str, published: tuple[float, float]
+) -> None:
+    rows = json.loads(fecosplat("info", "--parameters", profile, "--json").out)
     counts = {row["module"]: row["parameters"] for row in rows if row["side"] != "sum"}
-    assert {name: count for name, count in counts.items() if name.startswith("extractor")} == EXTRACTOR
-    receiver, sender = (row for row in rows if row["side"] == "sum")
-    assert (receiver["published"], sender["published"]) == (3.45e6, 37.28e6)
-    for row in (receiver, sender):
-        assert row["parameters"] == pytest.approx(row["published"], rel=0.01)
-    assert sender["parameters"] == sum(counts.values())
-
-
-def test_the_table_shows_the_papers_table_1_beside_ours(fecosplat: CommandLine) -> None:
-    lines = fecosplat("info", "--parameters", "paper").out.splitlines()
-    assert lines[0].endswith("paper's Table 1")
-    assert "3.45 M (+" in lines[-2] and "37.28 M (+" in lines[-1]
+    sums = [row for row in rows if row["side"] == "sum"]
+    for row, expected in zip(sums, published, strict=True):
+        assert row["published"] == expected and row["parameters"] == pytest.approx(expected, rel=0.01)
+    assert sums[1]["parameters"] == sum(counts.values())
+    if profile == "paper":
+        expected = {"backbone": 1_049_120, "transformer": 3_150_336, "pretrained": 22_056_192}
+        expected |= {"regressor": 6_453_504, "regressor_residual": 98_432}
+        lines = fecosplat("info", "--parameters", profile).out.splitlines()
+        assert lines[0].endswith("paper's Table 1") and "3.45 M (+" in lines[-2] and "37.28 M (+" in lines[-1]
+    else:
+        expected = Counter()
+        for module, count in PARAMETERS.items():
+            expected[module.rstrip(".01")] += count
+    assert {name: counts[f"extractor.{name}"] for name in expected} == expected

@@ -1,7 +1,5 @@
-"""The paper's larger variant from the command line: training with a frozen extractor, encoding, and its sizes."""
+"""The paper's larger variant from the command line: training with a frozen extractor, and encoding."""
 
-import json
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -13,23 +11,11 @@ from fecocodec.sender.codec import load_codec, serialise_sender
 from fecocodec.sender.model import Sender
 from tests.chunk_files import write_wall_chunks
 from tests.cli.conftest import CommandLine
-from tests.sender.depthsplat_base.public_base_network import PARAMETERS, write_checkpoint
+from tests.sender.depthsplat_base.public_base_network import write_checkpoint
 from tests.wall_scene import shots, write_transforms
 
 CONFIG = ("--config", "paper-dl3dv-large")
 SMALL = ("--size", "64x64", "--views", "2", "--targets", "1", "--precision", "float32", "--threads", "1")
-
-
-def test_sums_are_the_papers_within_one_percent(fecosplat: CommandLine) -> None:
-    rows = json.loads(fecosplat("info", "--parameters", "paper-large", "--json").out)
-    counts = {row["module"]: row["parameters"] for row in rows if row["side"] != "sum"}
-    expected: Counter[str] = Counter()
-    for module, count in PARAMETERS.items():
-        expected[f"extractor.{module.rstrip('.01')}"] += count
-    assert {name: count for name, count in counts.items() if name in expected} == expected
-    sender = rows[-1]
-    assert sender["published"] == 126.11e6 and sender["parameters"] == sum(counts.values())
-    assert sender["parameters"] == pytest.approx(126.11e6, rel=0.01)
 
 
 @pytest.mark.parametrize("given", [0, 2])

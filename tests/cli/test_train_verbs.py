@@ -1,7 +1,7 @@
 """`fecosplat train entropy | steps | detail`: a finished model in, a new model out."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,18 +12,13 @@ from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE
 from fecocodec.receiver.model import Receiver, serialise_receiver
 from fecocodec.sender.codec import load_codec
 from fecocodec.sender.model import Sender
+from fecocodec.sender.optimisation_config import DEFAULT, FAST
 from fecocodec.training.model_weights import write_model
 from tests.cli.conftest import CommandLine
 from tests.training.tiny_runs import changed, copied
 
 VERBS = ("entropy", "steps", "detail")
 TINY = ("--steps", "1", "--views", "2", "--size", "64x64", "--lambda-range", "1e-3", "1e-3")
-
-
-@dataclass(frozen=True)
-class Case:
-    arguments: tuple[str, ...]
-    sentence: str
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +34,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def exported(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Folders whose graphs were to be exported, which takes minutes."""
+    """Folders whose graphs were to be exported, which takes minutes. Scenes are encoded with few steps."""
+    monkeypatch.setattr("fecocodec.training.train_entropy.DEFAULT", FAST)
+    monkeypatch.setattr("fecocodec.training.train_steps.DEFAULT", replace(DEFAULT, num_steps=1, extra_step_below=()))
     folders: list[Path] = []
     monkeypatch.setattr(
         "fecocodec.training.graphs.export.export_receiver", lambda folder, on_progress: folders.append(folder)
@@ -96,33 +93,34 @@ def test_a_verb_has_examples_and_is_named_by_train(fecosplat: CommandLine, verb:
     assert result.code == 0 and result.out.count(f"train {verb} ") >= 3
 
 
-def test_help_says_which_file_names_the_pairs(fecosplat: CommandLine) -> None:
-    assert "Evaluation index of these scenes, as of `eval`" in fecosplat("train", "detail", "--help").out
-
-
-@pytest.mark.parametrize("case", [
-    Case(("entropy", "nowhere", "out"), "nowhere: there is no such folder; name the folder of a model."),
-    Case(("entropy", "{model}", "{model}"), "{model}: this folder holds a model already; choose another output path, "),
-    Case(("steps", "{model}", "{model}/sender.safetensors"), "this is not a folder; choose another output path."),
-    Case(("steps", "{model}", "out", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
-    Case(("steps", "{model}", "out", "--photograph-share", "2"), "The share of photographs is (2.0, 2.0); give two"),
-    Case(("entropy", "{model}", "out", "--textures", "nowhere"), "nowhere: there is no such file or folder; check"),
-    Case(("detail", "{model}", "out", "--photographs", "{model}", "--index", "no"), "no: there is no such file or"),
-    Case(
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (("entropy", "nowhere", "out"), "nowhere: there is no such folder; name the folder of a model."),
+    (("entropy", "{model}", "{model}"), "{model}: this folder holds a model already; choose another output path, "),
+    (("steps", "{model}", "{model}/sender.safetensors"), "this is not a folder; choose another output path."),
+    (("steps", "{model}", "out", "--size", "3x3"), "A training image side of 3 pixels cannot be used"),
+    (("steps", "{model}", "out", "--photograph-share", "2"), "The share of photographs is (2.0, 2.0); give two"),
+    (("entropy", "{model}", "out", "--textures", "nowhere"), "nowhere: there is no such file or folder; check"),
+    (("detail", "{model}", "out", "--photographs", "{model}", "--index", "no"), "no: there is no such file or"),
+    (
         ("detail", "{model}", "out", "--photographs", "{model}", "--index", "{index}"),
         "{index}: no entry has two context views; give an index of pairs.",
     ),
 ])  # fmt: skip
 def test_what_cannot_be_trained_is_one_sentence(
-    fecosplat: CommandLine, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: Case
+    fecosplat: CommandLine,
+    model: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    sentence: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     index = tmp_path / "index.json"
     index.write_text(json.dumps({"scene": {"context": [0, 1, 2], "target": [3]}}))
     names = {"model": model, "index": index}
-    result = fecosplat("train", *(argument.format(**names) for argument in case.arguments))
+    result = fecosplat("train", *(argument.format(**names) for argument in arguments))
     assert (result.code, result.out) == (1, "")
-    assert case.sentence.format(**names) in result.err and result.err.count("\n") == 1
+    assert sentence.format(**names) in result.err and result.err.count("\n") == 1
     assert not (tmp_path / "out").exists() and {path.name for path in model.iterdir()} == {
         GRAPHS_FOLDER, RECEIVER_FILE, SENDER_FILE,
     }  # fmt: skip

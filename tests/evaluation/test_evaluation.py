@@ -11,11 +11,12 @@ import pytest
 
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import InputError
-from fecocodec.evaluation import run
+from fecocodec.evaluation import evaluation, run
 from fecocodec.evaluation.evaluation import RECORDS, Plan, choose_entries, evaluate_to_folder
 from fecocodec.evaluation.novel_views import open_scenes
 from fecocodec.evaluation.records import Measurement, RecordFile
 from fecocodec.evaluation.summary import as_tsv, averages, compare
+from fecocodec.sender.optimisation_config import EFFORTS, FAST
 from tests.chunk_files import write_wall_chunks
 from tests.example_scenes import MODEL
 
@@ -23,7 +24,10 @@ INDEX = {"wall0": {"context": [0, 2], "target": [1]}, "gone": {"context": [0, 2]
 
 
 @pytest.fixture
-def plan(tmp_path: Path, random_weights: Path) -> Plan:
+def plan(tmp_path: Path, random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+    """Without steps of optimisation, and without charts, which `test_paper_tables` draws."""
+    monkeypatch.setitem(EFFORTS, "default", FAST)
+    monkeypatch.setattr(evaluation, "quality_charts", lambda *_: ())
     root = write_wall_chunks(tmp_path / "chunks", num_scenes=1)
     index = tmp_path / "evaluation.json"
     index.write_text(json.dumps(INDEX))
@@ -35,11 +39,8 @@ def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_a
     report = evaluate_to_folder(plan)
     assert [failure.entry for failure in report.failures] == ["gone"] * 3
     assert "has no scene gone" in report.failures[0].error
-    assert [(row.system, row.entries) for row in report.averages] == [
-        ("fecosplat", 1),
-        ("nearest view", 1),
-        ("best plane", 1),
-    ]
+    systems = ("fecosplat", "nearest view", "best plane")
+    assert [(row.system, row.entries) for row in report.averages] == [(system, 1) for system in systems]
     for row in report.averages:
         assert all(value is not None and 0 < value < 1 for value in (row.st_lpips, row.lpips, row.lpips_alex))
     assert sorted(path.name for path in (plan.output / "strips").iterdir()) == ["wall0.png"]
@@ -83,12 +84,9 @@ def test_the_files_of_a_scene_are_told_apart(tmp_path: Path) -> None:
     assert len(found) == 4
 
 
-def test_guided_systems_need_guides(plan: Plan) -> None:
+def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match=r"evaluation\.json: no entry has `guide`, the frames that teach"):
         evaluate_to_folder(replace(plan, groups=("guided",)))
-
-
-def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "check_input", lambda views: ("is dark.",) if "0:0" in views.names else ())
     write_wall_chunks(plan.root, num_scenes=2, num_frames=4)
     without = {"context": [0, 2], "target": [1]}
@@ -96,16 +94,11 @@ def test_guided_systems_are_measured_on_entries_with_guides_alone(plan: Plan, mo
     fractions = []
     plan = replace(plan, groups=("guided", "trivial"), with_strips=False)
     report = evaluate_to_folder(plan, lambda _found, fraction: fractions.append(fraction))
-    assert {(row.system, row.entries) for row in report.averages} == {
-        ("fecosplat, guided", 1),
-        ("nearest view", 1),
-        ("best plane", 1),
-    }
+    systems = ("fecosplat, guided", "nearest view", "best plane")
+    assert {(row.system, row.entries) for row in report.averages} == {(system, 1) for system in systems}
     assert report.doubtful == ("wall0",)
-    assert [m.warnings for m in RecordFile(plan.output / RECORDS).measurements.values() if m.entry == "wall0"] == [
-        "is dark.",
-        "is dark.",
-    ]
+    known = RecordFile(plan.output / RECORDS).measurements.values()
+    assert [m.warnings for m in known if m.entry == "wall0"] == ["is dark."] * 2
     assert fractions == [n / 5 for n in range(1, 6)]
 
 
@@ -163,7 +156,6 @@ def test_other_files_are_no_measurements(tmp_path: Path) -> None:
     assert not known.is_known(("b", "fecosplat", "x", "model", ""))
     known.add(measurement("b", "fecosplat", "x", 10, 20.0))
     assert RecordFile(path).is_known(("b", "fecosplat", "x", "model", ""))
-    path = tmp_path / RECORDS
     path.write_text('{"what": 1}\n{"else": 2}\n')
     with pytest.raises(InputError, match=r"measurements\.jsonl: not measurements of this version .*another output"):
         RecordFile(path)

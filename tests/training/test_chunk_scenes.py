@@ -15,10 +15,8 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import camera_to_world_points, pixel_rays
 from fecocodec.geometry.frustum_overlap import frustum_overlap
 from fecocodec.training.chunk_scenes import ChunkScenes, choose_stretch
-from fecocodec.training.configurations import configuration_named
 from fecocodec.training.photographs import LEAST_OVERLAP, choose_frames, context_pairs, relative_baselines
 from fecocodec.training.samples import Sample
-from fecocodec.training.sources import open_sources
 from tests.chunk_files import record, write_chunks, write_wall_chunks
 from tests.wall_scene import shots, wall_colour
 
@@ -47,13 +45,6 @@ def test_cameras_follow_crop_scale_and_mirror(tmp_path: Path) -> None:
         assert max(correlation_with_the_wall(sample, mirror) for mirror in (1.0, -1.0)) > 0.97
 
 
-def test_the_same_generator_state_gives_the_same_sample(tmp_path: Path) -> None:
-    scenes = ChunkScenes(write_wall_chunks(tmp_path, num_frames=5))
-    first, again, other = draw(scenes, 1), draw(scenes, 1), draw(scenes, 2)
-    assert first.views.names == again.views.names and torch.equal(first.views.images, again.views.images)
-    assert not torch.equal(first.views.images, other.views.images)
-
-
 @pytest.mark.parametrize(("num_frames", "num_context"), [(300, 2), (300, 8), (60, 2), (9, 8), (3, 2), (40, 1)])
 def test_context_views_span_a_stretch_and_targets_lie_inside(num_frames: int, num_context: int) -> None:
     for seed in range(50):
@@ -68,18 +59,11 @@ def test_context_views_span_a_stretch_and_targets_lie_inside(num_frames: int, nu
             assert min(context) < min(targets) and max(targets) < max(context)
 
 
-def test_scenes_that_cannot_be_used(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="100 scenes have no more than 3 frames; ask for fewer"):
-        draw(ChunkScenes(write_wall_chunks(tmp_path / "short")), 0, num_context=3)
+def test_frames_of_several_lenses_are_refused(tmp_path: Path) -> None:
     mixed = record("mixed", shots(4))
     mixed["cameras"][1:, 0] *= 1.2
     with pytest.raises(InputError, match="scene mixed: its frames differ in size or lens"):
         draw(ChunkScenes(write_chunks(tmp_path / "mixed", [[mixed]])), 0, num_target=2)
-
-
-def test_the_trainer_opens_chunks_where_photographs_are_named(tmp_path: Path) -> None:
-    sources = open_sources(write_wall_chunks(tmp_path), None, configuration_named("paper-re10k"))
-    assert isinstance(sources.photographs, ChunkScenes)
 
 
 LENS = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])

@@ -1,5 +1,6 @@
 """The trainer: steps, checkpoints, log, exact resumption."""
 
+import csv
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -52,13 +53,6 @@ def test_a_run_logs_finite_losses_and_leaves_one_whole_checkpoint(finished: Trai
     assert len((folder / "log.csv").read_text().splitlines()) == 3
 
 
-def test_a_run_shorter_than_a_row_of_the_log_leaves_one(tmp_path: Path) -> None:
-    it = trainer(tmp_path, num_steps=1)
-    it.settings = replace(it.settings, log_every=50)
-    assert [row["step"] for row in train(it)] == [1.0]
-    assert len(it.log.read_text().splitlines()) == 2
-
-
 def test_two_and_two_steps_are_four(finished: Trainer, tmp_path: Path) -> None:
     first = trainer(tmp_path)
     for _ in range(2):
@@ -95,20 +89,13 @@ def test_an_exported_checkpoint_is_a_model_that_loads(finished: Trainer, tmp_pat
     torch.testing.assert_close(codec.receiver.prior.hyper_prior.weight, prior, atol=2.0**-12, rtol=0)
 
 
-def test_a_step_without_finite_gradients_changes_nothing(tmp_path: Path) -> None:
-    it = trainer(tmp_path)
-    before = copied(it.networks)
-    hook = it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
-    parts = it.train_step()
-    hook.remove()
-    assert parts["gradient"] != parts["gradient"]  # NaN
-    assert (it.step, it.skipped.num) == (1, 1)
-    assert changed(it.networks, before) == set()
-
-
 def test_a_stop_while_saving_leaves_the_old_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "last.pt"
     save_checkpoint(path, {"step": 1})
+    with pytest.raises(ModelError, match="not a checkpoint of these networks"):
+        trainer(tmp_path).resume(path)
+    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
+        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
     def stopped(contents: object, file: Path) -> None:
         Path(file).write_bytes(b"half of it")
@@ -118,14 +105,6 @@ def test_a_stop_while_saving_leaves_the_old_checkpoint(tmp_path: Path, monkeypat
     with pytest.raises(KeyboardInterrupt):
         save_checkpoint(path, {"step": 2})
     assert load_checkpoint(path) == {"step": 1}
-
-
-def test_checkpoints_that_cannot_be_used_or_written(tmp_path: Path) -> None:
-    save_checkpoint(tmp_path / "last.pt", {"step": 1})
-    with pytest.raises(ModelError, match="not a checkpoint of these networks"):
-        trainer(tmp_path).resume(tmp_path / "last.pt")
-    with pytest.raises(OutputError, match=r"missing/last\.pt: the checkpoint cannot be written"):
-        save_checkpoint(tmp_path / "missing" / "last.pt", {"step": 1})
 
 
 def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
@@ -140,10 +119,8 @@ def test_the_schedule_warms_up_decays_and_moves_its_shares() -> None:
 def test_rows_of_the_log(tmp_path: Path) -> None:
     append_row(tmp_path / "log.csv", mean_of_rows([{"loss": 1.0}, {"loss": 3.0, "bpp1": 0.5}]) | {"step": 2.0})
     append_row(tmp_path / "log.csv", {"step": 4.0, "loss": 0.25})
-    header, first, second = (line.split(",") for line in (tmp_path / "log.csv").read_text().splitlines())
-    assert dict(zip(header, first, strict=True))["loss"] == "2"
-    assert dict(zip(header, first, strict=True))["bpp1"] == "0.5"
-    assert dict(zip(header, second, strict=True))["bpp1"] == ""
+    first, second = csv.DictReader((tmp_path / "log.csv").read_text().splitlines())
+    assert (first["loss"], first["bpp1"], second["loss"], second["bpp1"]) == ("2", "0.5", "0.25", "")
     path = tmp_path / "resumed.csv"
     for step in (50.0, 100.0, 150.0):
         append_row(path, {"step": step, "loss": 1.0})
@@ -153,9 +130,10 @@ def test_rows_of_the_log(tmp_path: Path) -> None:
     assert not (tmp_path / "none.csv").exists()
 
 
-def test_a_run_that_is_out_of_time_logs_saves_and_stops(tmp_path: Path) -> None:
-    it = trainer(tmp_path)
-    it.settings = replace(it.settings, max_minutes=1e-9, log_every=1000)
+@pytest.mark.parametrize(("num_steps", "max_minutes"), [(4, 1e-9), (1, 5.0)])
+def test_a_run_that_is_out_of_time_or_short_logs_and_saves(tmp_path: Path, num_steps: int, max_minutes: float) -> None:
+    it = trainer(tmp_path, num_steps)
+    it.settings = replace(it.settings, max_minutes=max_minutes, log_every=1000)
     assert [row["step"] for row in train(it)] == [1.0]
     assert load_checkpoint(it.checkpoint)["step"] == 1
     assert len(it.log.read_text().splitlines()) == 2
@@ -176,14 +154,16 @@ def test_a_skipped_batch_is_counted_and_spoils_no_mean(tmp_path: Path, monkeypat
 
 
 def test_a_run_that_diverges_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps without finite gradients change nothing."""
     monkeypatch.setattr(optimisation, "MOST_SKIPPED", 2)
     it = trainer(tmp_path)
+    before = copied(it.networks)
     it.sender.extractor.log_temperature.register_hook(lambda gradient: gradient * float("nan"))
-    with pytest.raises(
-        InputError, match="the gradients of 2 successive steps were not finite; train in another folder with a sm"
-    ):
+    sentence = "the gradients of 2 successive steps were not finite; train in another folder with a sm"
+    with pytest.raises(InputError, match=sentence):
         list(train(it))
-    assert it.step == 1 and not it.checkpoint.exists()
+    assert (it.step, it.skipped.num) == (1, 2) and not it.checkpoint.exists()
+    assert changed(it.networks, before) == set()
 
 
 def test_only_successive_skipped_steps_end_a_run() -> None:

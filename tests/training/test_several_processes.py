@@ -1,4 +1,4 @@
-"""Training in a group of processes: gradients of the joint batch, the same weights everywhere, exact resumption."""
+"""Training in a group of processes: gradients of the joint batch, and the same weights everywhere."""
 
 import os
 import socket
@@ -12,34 +12,23 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from fecocodec.geometry.cameras import Cameras
 from fecocodec.sender.stages import EstimatedLatent, StageInputs
-from fecocodec.training.batch import Batch, BatchShape, BatchShapes
-from fecocodec.training.configurations import Configuration, RunSettings
-from fecocodec.training.loop import train
+from fecocodec.training.batch import Batch
 from fecocodec.training.loss import loss_of
 from fecocodec.training.optimisation import Schedule
 from fecocodec.training.processes import average_gradients, joined_processes, process_rank
 from fecocodec.training.run_files import load_checkpoint
-from fecocodec.training.sources import Sources, draw_batch
-from fecocodec.training.synthetic.scenes import SyntheticScenes
-from fecocodec.training.synthetic.textures import pattern_textures
 from fecocodec.training.trainer import Trainer
 from fecocodec.training.training_pass import run_stages
+from tests.training.tiny_runs import copied, synthetic_batch, tiny_trainer
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def trainer(folder: Path, num_steps: int = 20, seed: int = 0) -> Trainer:
-    """Batches of several shapes: 2 or 3 context views, 64x64 or 64x96 pixels; the rate counts from the third step."""
-    folder.mkdir(parents=True, exist_ok=True)
-    shapes = BatchShapes(2, ((2, 0.6), (3, 0.4)), 1, ((64, 64), (64, 96)))
-    configuration = Configuration(shapes, Schedule(num_steps, one_stage_until=1, bypass_until=2, warm_up=1))
-    world = SyntheticScenes(pattern_textures(13))
-    return Trainer(RunSettings(folder, configuration, 5.0, seed, log_every=5), Sources(world, None))
-
-
-def batch_of(it: Trainer, rank: int) -> Batch:
-    return draw_batch(it.sources, torch.Generator().manual_seed(rank), BatchShape(1, 2, 1, (64, 64)), 0.0)
+def trainer(folder: Path) -> Trainer:
+    """The rate counts from the third step."""
+    return tiny_trainer(folder, Schedule(4, one_stage_until=1, bypass_until=2, warm_up=1))
 
 
 def backward(it: Trainer, batch: Batch) -> None:
@@ -57,45 +46,32 @@ def gradients_of(networks: nn.Module) -> dict[str, Tensor]:
 
 
 def joined(first: Batch, second: Batch) -> Batch:
-    cameras = replace(
-        first.cameras,
-        **{
-            name: torch.cat((getattr(first.cameras, name), getattr(second.cameras, name)))
-            for name in ("extrinsics", "intrinsics", "near", "far")
-        },
-    )
+    cameras = Cameras(*map(torch.cat, zip(first.cameras.fields(), second.cameras.fields(), strict=True)))
     parts = {name: torch.cat((getattr(first, name), getattr(second, name))) for name in ("images", "depth", "lambda_q")}
     return replace(first, cameras=cameras, **parts)
 
 
-def leave_gradients(folder: Path) -> None:
-    """What each process of the group does for the test of gradients."""
+def leave_results(folder: Path) -> None:
+    """What each process of the group does: average gradients of one batch, then train."""
     with joined_processes():
         it = trainer(folder)
-        backward(it, batch_of(it, process_rank()))
+        backward(it, synthetic_batch(seed=process_rank()))
         own = {name: gradient.clone() for name, gradient in gradients_of(it.networks).items()}
         average_gradients(it.networks)
-        torch.save((own, gradients_of(it.networks)), folder / f"{process_rank()}.pt")
-
-
-def leave_weights(folder: Path) -> None:
-    """What each process of the group does for the test of weights."""
-    with joined_processes():
-        it = trainer(folder, num_steps=4)
+        mean = gradients_of(it.networks)
         losses = [it.train_step()["loss"] for _ in range(4)]
         it.save(it.checkpoint)
-        weights = [value.clone() for value in it.networks.state_dict().values()]
-        torch.save((losses, weights), folder / f"{process_rank()}.pt")
+        torch.save((own, mean, losses, copied(it.networks)), folder / f"{process_rank()}.pt")
 
 
-def run_group(task: str, folder: Path) -> list[object]:
-    """Run a function of this file in a group of two processes; what each saved, by rank."""
+def run_group(folder: Path) -> list[object]:
+    """Run `leave_results` in a group of two processes; what each saved, by rank."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     group = {"WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "TORCHELASTIC_RUN_ID": "test"}
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from pathlib import Path\n"
-    code += f"from tests.training import test_several_processes as group; group.{task}(Path({str(folder)!r}))"
+    code += f"from tests.training import test_several_processes as group; group.leave_results(Path({str(folder)!r}))"
     members = [
         subprocess.Popen(
             [sys.executable, "-c", code],
@@ -108,13 +84,14 @@ def run_group(task: str, folder: Path) -> list[object]:
 
 
 @pytest.mark.slow
-def test_two_processes_have_the_gradients_of_one_with_the_joint_batch(tmp_path: Path) -> None:
+def test_two_processes_have_the_gradients_of_one_with_the_joint_batch_and_the_same_weights(tmp_path: Path) -> None:
     """Averaging is exact. The joint batch has the same gradients up to rounding, by their norms: convolutions of one
     and of two scenes round differently, and a splat at a threshold of the renderer then counts in one of them alone.
+    Losses differ, because each process draws scenes of its own.
     """
-    (own, first), (other, second) = run_group("leave_gradients", tmp_path)  # type: ignore[misc]
+    (own, first, losses, weights), (other, second, other_losses, other_weights) = run_group(tmp_path)  # type: ignore[misc]
     alone = trainer(tmp_path / "alone")
-    backward(alone, joined(batch_of(alone, 0), batch_of(alone, 1)))
+    backward(alone, joined(synthetic_batch(seed=0), synthetic_batch(seed=1)))
     expected = gradients_of(alone.networks)
     assert first.keys() == second.keys() == expected.keys() and len(expected) > 100
     for name, gradient in expected.items():
@@ -123,33 +100,8 @@ def test_two_processes_have_the_gradients_of_one_with_the_joint_batch(tmp_path: 
         assert float((mean - gradient).norm()) <= 2e-3 * float(gradient.norm()) + 1e-9
         if bool(mean.any()):
             assert float((own[name] - gradient).norm()) > 0.05 * float(gradient.norm())  # the scenes differ
-
-
-@pytest.mark.slow
-def test_two_processes_draw_other_scenes_and_keep_the_same_weights(tmp_path: Path) -> None:
-    (losses, weights), (other_losses, other_weights) = run_group("leave_weights", tmp_path)  # type: ignore[misc]
-    assert all(torch.equal(a, b) for a, b in zip(weights, other_weights, strict=True))
-    assert losses != other_losses
+    assert all(torch.equal(weights[name], value) for name, value in other_weights.items()) and losses != other_losses
     assert len(load_checkpoint(tmp_path / "last.pt")["generators"]) == 2
-
-
-@pytest.mark.slow
-def test_ten_and_ten_steps_are_twenty(tmp_path: Path) -> None:
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # sums of gradients must not depend on the number of threads
-    whole = trainer(tmp_path / "whole")
-    assert [row["step"] for row in train(whole)] == [5.0, 10.0, 15.0, 20.0]
-    first = trainer(tmp_path / "halves")
-    for _ in range(10):
-        first.train_step()
-    first.save(first.checkpoint)
-    second = trainer(tmp_path / "halves", seed=7)  # nothing of its own start may remain
-    second.resume(second.checkpoint)
-    assert [row["step"] for row in train(second)] == [15.0, 20.0]
-    torch.set_num_threads(threads)
-    states = zip(second.networks.state_dict().values(), whole.networks.state_dict().values(), strict=True)
-    assert all(torch.equal(resumed, at_once) for resumed, at_once in states)
-    assert all(torch.equal(value, whole.average[name]) for name, value in second.average.items())
 
 
 def test_a_parameter_without_gradient_here_counts_as_zero_where_others_have_one(

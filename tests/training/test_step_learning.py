@@ -89,13 +89,7 @@ def optimised(
     codec: Codec, batch: Batch, scenes: list[int], seed: int, learner: StepLearner | None = None, num_views: int = 2
 ) -> tuple[Tensor, Tensor, list[dict[str, float]]]:
     """Latents of stage 1 of these scenes before and after their steps, and what the steps change."""
-    batch = replace(
-        batch,
-        images=batch.images[scenes],
-        cameras=type(batch.cameras)(*(field[scenes] for field in batch.cameras.fields())),
-        depth=batch.depth[scenes],
-        lambda_q=batch.lambda_q[scenes],
-    )
+    batch = batch.mapped(lambda values: values[scenes])
     encoder = BatchEncoder(codec.sender, codec.receiver, batch)
     torch.manual_seed(2)
     rows: list[dict[str, float]] = []
