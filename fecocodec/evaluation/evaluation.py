@@ -27,6 +27,7 @@ from fecocodec.evaluation.run import Draw, draw_nothing, measure_all
 from fecocodec.evaluation.summary import OURS, Average, Comparison, ExternalRow, as_tsv, averages, compare, summary_tsv
 from fecocodec.evaluation.systems.groups import lambdas_in_range, systems_of
 from fecocodec.evaluation.systems.reconstruction import Reconstruction, System
+from fecocodec.geometry.cameras import relative_disparity_from_depth
 from fecocodec.geometry.views import Views
 from fecocodec.photographs.images import write_image
 from fecocodec.sender.codec import Codec, load_codec
@@ -38,7 +39,8 @@ MAX_ROWS = 4
 def strip(views: Views, num_context: int, found: Reconstruction) -> Float[Tensor, "3 height width"]:
     """Return the comparison image of the first MAX_ROWS target views, sRGB in [0, 1].
 
-    Depth is drawn as disparity, from far (dark) to near (bright). Raises InputError if matplotlib is not installed.
+    Depth is drawn as disparity, from far (dark, as where nothing is rendered) to near (bright). Raises InputError if
+    matplotlib is not installed.
     """
     stop = min(len(views.images), num_context + MAX_ROWS)
     rows = []
@@ -46,7 +48,8 @@ def strip(views: Views, num_context: int, found: Reconstruction) -> Float[Tensor
         error = (found.images[view] - views.images[view]).abs().mean(dim=0) * ERROR_GAIN
         panels = [views.images[view], found.images[view], in_colour(error)]
         if found.depth is not None:
-            panels.append(in_colour(_relative_disparity(found.depth[view], views)))
+            disparity = relative_disparity_from_depth(found.depth[[view]].clamp_min(1e-12), views.cameras)[0]
+            panels.append(in_colour(torch.where(found.depth[view] > 0, disparity, 0.0)))
         rows.append(torch.cat(panels, dim=2))
     return torch.cat(rows, dim=1)
 
@@ -55,13 +58,6 @@ def in_colour(values: Float[Tensor, "height width"]) -> Float[Tensor, "3 height 
     """Map values in [0, 1] to viridis colours. Raises InputError if matplotlib is not installed."""
     colours = require_extra("matplotlib", "drawing strips").colormaps["viridis"](values.clamp(0, 1).numpy())
     return rearrange(torch.from_numpy(colours).float(), "h w rgba -> rgba h w")[:3]
-
-
-def _relative_disparity(depth: Float[Tensor, "height width"], views: Views) -> Float[Tensor, "height width"]:
-    """Return relative disparity: 0 at far and where nothing is rendered, 1 at near."""
-    near, far = 1 / views.cameras.near, 1 / views.cameras.far
-    disparity = torch.where(depth > 0, 1 / depth.clamp_min(1e-12), far)
-    return (disparity - far) / (near - far)
 
 
 RECORDS = "measurements.jsonl"

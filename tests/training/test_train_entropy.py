@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from torch import nn
 
 from fecocodec.coding.payload import encode_latents
 from fecocodec.config import PAPER
@@ -22,7 +21,6 @@ from tests.training.tiny_runs import SHAPES, changed, copied, synthetic_sources,
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-LEARNS = ("receiver.prior.", "sender.hyper_analysis.")
 SOURCES = synthetic_sources()
 SHORT = replace(ENTROPY, shapes=SHAPES, schedule=replace(ENTROPY.schedule, num_steps=15, learning_rate=1.6e-2))
 
@@ -41,10 +39,6 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Codec:
 
 def generator() -> torch.Generator:
     return torch.Generator().manual_seed(0)
-
-
-def networks_of(codec: Codec) -> nn.ModuleDict:
-    return nn.ModuleDict({"receiver": codec.receiver, "sender": codec.sender})
 
 
 def bytes_of(codec: Codec, scenes: list[SceneLatents]) -> int:
@@ -68,8 +62,9 @@ def test_bytes_fall_on_other_scenes_and_the_other_networks_stay(untrained: Codec
     assert [(row["step"], row["skipped"]) for row in rows] == [(15.0, 0.0)]
     assert rows[0]["bpp1"] > 0 and rows[0]["bpp2"] > 0
     assert bytes_of(codec, others) < 0.9 * before
-    learned = changed(networks_of(codec), copied(networks_of(untrained)))
-    assert learned and all(name.startswith(LEARNS) for name in learned)
+    learned = changed(codec.receiver, copied(untrained.receiver)), changed(codec.sender, copied(untrained.sender))
+    for names, part in zip(learned, ("prior.", "hyper_analysis."), strict=True):
+        assert names and all(name.startswith(part) for name in names)
     assert not any(parameter.requires_grad for parameter in codec.receiver.parameters())
 
     write_model(tmp_path / "model", serialise_receiver(codec.receiver), codec.sender)
@@ -77,9 +72,8 @@ def test_bytes_fall_on_other_scenes_and_the_other_networks_stay(untrained: Codec
 
 
 def test_latents_are_those_of_the_sender_at_every_lambda(untrained: Codec) -> None:
-    views = SOURCES.synthetic.sample(
-        torch.Generator().manual_seed(3), num_context=2, num_target=1, size=(64, 64)
-    ).views.select([0, 1])
+    sample = SOURCES.synthetic.sample(generator(), num_context=2, num_target=1, size=(64, 64))
+    views = sample.views.select([0, 1])
     fine, coarse, alone = latents_of(untrained, views, (200, 1700, 200), num_alone=1)
     assert fine.y[0].shape == fine.y[1].shape == fine.y1_hat.shape == (2, 32, 8, 8)
     assert float(fine.y[0].std()) > 3 * float(coarse.y[0].std())  # finer steps at lower lambda

@@ -1,4 +1,4 @@
-"""The step network alone: steps get better for the scenes it sees, and nothing else changes."""
+"""The step network alone: it changes, and nothing else does."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -22,11 +22,8 @@ from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import StageInputs
 from fecocodec.training import loop, step_learning
 from fecocodec.training.batch import Batch, BatchShapes
-from fecocodec.training.configurations import Configuration
 from fecocodec.training.loop import SCENES_OF_A_STEP
 from fecocodec.training.model_weights import load_model_weights, write_model
-from fecocodec.training.samples import Sample
-from fecocodec.training.sources import Sources
 from fecocodec.training.train_steps import STEPS, train_step_network, with_sharp_steps
 from tests.training.tiny_runs import changed, copied, synthetic_sources
 
@@ -39,33 +36,18 @@ def two_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fecocodec.training.train_steps.DEFAULT", config)
 
 
-class OneScene:
-    """A source that always gives the same scene."""
-
-    def __init__(self) -> None:
-        self._world = synthetic_sources().synthetic
-
-    def sample(self, generator: torch.Generator, *, num_context: int, num_target: int, size: tuple[int, int]) -> Sample:
-        again = torch.Generator().manual_seed(3)
-        return self._world.sample(again, num_context=num_context, num_target=num_target, size=size)
-
-
 def new_codec(step_channels: int = 32) -> Codec:
     torch.manual_seed(0)
     receiver = ReceiverConfig()
     return Codec(Sender(SenderConfig(step_channels=step_channels), receiver), Receiver(receiver), b"")
 
 
-def short(num_steps: int, views: int = 2, perceptual_weight: float = 0.0) -> Configuration:
+def trained(codec: Codec, views: int = 2) -> list[dict[str, float]]:
+    """Train for one step of the optimiser."""
     shapes = BatchShapes(num_scenes=4, view_shares=((views, 1.0),), num_target=1, sizes=((64, 64),))
-    schedule = replace(STEPS.schedule, num_steps=num_steps)
-    return replace(
-        STEPS, shapes=shapes, schedule=schedule, lambda_range=(1e-3, 1e-3), perceptual_weight=perceptual_weight
-    )
-
-
-def trained(codec: Codec, configuration: Configuration) -> list[dict[str, float]]:
-    return list(train_step_network(codec, Sources(OneScene(), None), configuration))
+    schedule = replace(STEPS.schedule, num_steps=1)
+    configuration = replace(STEPS, shapes=shapes, schedule=schedule, lambda_range=(1e-3, 1e-3))
+    return list(train_step_network(codec, synthetic_sources(), configuration))
 
 
 def test_the_network_changes_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,7 +62,7 @@ def test_the_network_changes_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(Batch, "to", recorded)
     codec = new_codec()
     before = deepcopy(codec)
-    rows = trained(codec, short(1))
+    rows = trained(codec)
     assert moved == ["cpu"] * SCENES_OF_A_STEP
     assert [(row["step"], row["skipped"]) for row in rows] == [(1.0, 0.0)]
     names = {f"{name}{stage}" for name in ("loss", "context", "target", "log_bits") for stage in (1, 2)}
@@ -100,7 +82,7 @@ def test_many_views_are_faded_as_in_encoding(monkeypatch: pytest.MonkeyPatch, vi
 
     monkeypatch.setattr(step_learning, "gaussians_of", recorded)
     monkeypatch.setattr(loop, "SCENES_OF_A_STEP", 1)
-    trained(new_codec(), short(1, views))
+    trained(new_codec(), views)
     assert set(found) == {(1, False), (2, views == LEAST_VIEWS)}
 
 
@@ -115,7 +97,7 @@ def test_the_network_for_sharper_pictures_is_the_mean_of_what_was_trained() -> N
         torch.testing.assert_close(found.sender.steps.log_scale.bias, own + share)
     assert codec.sender.sharp_steps is None
     with pytest.raises(InputError, match="no network that proposes steps; train one with the configuration compact"):
-        trained(new_codec(step_channels=0), short(1))
+        trained(new_codec(step_channels=0))
 
 
 def test_models_with_and_without_the_network_start_each_other(tmp_path: Path) -> None:
