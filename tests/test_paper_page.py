@@ -95,7 +95,7 @@ def test_the_snippet_runs_and_its_extractor_trains_in_python(
     names: dict[str, Any] = {}
     exec(SNIPPETS[0].replace("(256, 256)", "(64, 64)"), names)
     assert names["decoded"].gaussians.count > 0
-    assert re.match(r"Score\(name='wall', num_bytes=\d+.* target_psnr=", capsys.readouterr().out)
+    assert re.match(r"Measurement\(entry='wall', .* num_bytes=\d+.* psnr=", capsys.readouterr().out)
 
     chunks = write_videos(tmp_path / "dl3dv/train", 10)
     write_model(tmp_path / "weights/paper-dl3dv", "paper-dl3dv")
