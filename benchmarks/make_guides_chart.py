@@ -17,6 +17,7 @@ from fecocodec.camera_files.find import read_cameras
 from fecocodec.captures.evaluation_index import read_index
 from fecocodec.captures.view_selection import Spread
 from fecocodec.checkpoint import DEFAULT_MODEL, SHIPPED
+from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import choose_roles
 from fecocodec.evaluation.report.section import Chart, Mark, Series, write_panels
 from fecocodec.evaluation.run import evaluate
@@ -36,7 +37,8 @@ PSNR = "PSNR of new views, dB"
 def views_of(folder: Path, num_coded: int) -> tuple[Views, list[str], Views]:
     """Return coded views, the names of photographs that can guide, and targets, as `encode` would choose them."""
     scene = read_cameras(folder)
-    roles = choose_roles(scene, folder, Spread(num_coded), None, NUM_TARGETS, SIZE, decide=lambda order, _: order)
+    options = EncodingOptions(views=Spread(num_coded), num_checks=NUM_TARGETS, size=SIZE)
+    roles = choose_roles(scene, folder, options, lambda order, _: order)
     coded, guides, targets = (
         [scene.photographs[index].path.name for index in indices]
         for indices in (roles.context, roles.guides, roles.checks)

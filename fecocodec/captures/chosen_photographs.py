@@ -74,8 +74,17 @@ def choose_photographs(
     """
     path = Path(path)
     scene = read_cameras(path)
-    photographs, notes = _chosen_photographs(scene, views, path)
-    return framed(scene, photographs, size, notes)
+    photographs, notes = select_views(scene, views, path)
+    if isinstance(views, tuple):  # chosen by name: no notes on the others
+        return framed(scene, photographs, size, notes)
+    notes += unposed_notes(scene) if views is None else []
+    if views is None and len(photographs) > MAX_VIEWS:
+        total = len(photographs)
+        photographs, _ = select_views(scene, Auto(), path)
+        names = ", ".join(_names(scene, photographs))
+        notes.append(f"{len(photographs)} of {total} photographs are used ({names}); choose others by `views`.")
+    photographs, copies = without_copies(photographs)
+    return framed(scene, photographs, size, notes + copies)
 
 
 def framed(
@@ -108,20 +117,3 @@ def _names(scene: PosedPhotographs, photographs: list[PosedPhotograph]) -> list[
     paths = [photograph.path for photograph in scene.photographs]
     name_of = dict(zip(paths, distinct_names(paths), strict=True))
     return [name_of[photograph.path] for photograph in photographs]
-
-
-def _chosen_photographs(
-    scene: PosedPhotographs, views: Selection | None, path: Path
-) -> tuple[list[PosedPhotograph], list[str]]:
-    """Return the photographs to read, and notes on those that are not, unless the caller has chosen by name."""
-    photographs, notes = select_views(scene, views, path)
-    if isinstance(views, tuple):
-        return photographs, notes
-    notes += unposed_notes(scene) if views is None else []
-    if views is None and len(photographs) > MAX_VIEWS:
-        total = len(photographs)
-        photographs, _ = select_views(scene, Auto(), path)
-        names = ", ".join(_names(scene, photographs))
-        notes.append(f"{len(photographs)} of {total} photographs are used ({names}); choose others by `views`.")
-    photographs, copies = without_copies(photographs)
-    return photographs, notes + copies

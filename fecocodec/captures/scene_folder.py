@@ -60,20 +60,8 @@ def read_views(
     """
     with unpacked(path) as folder:
         chosen = choose_photographs(folder, views=views, size=size)
-        read = read_pixels(chosen, near=near, far=far, background=background, masks=masks)
+        read = with_depth_bounds(chosen, read_unbounded(chosen, background, masks), near, far)
         return replace(read, remarks=(*chosen.remarks, *read.remarks))
-
-
-def read_pixels(
-    chosen: ChosenPhotographs,
-    *,
-    near: float | None = None,
-    far: float | None = None,
-    background: Background | None = None,
-    masks: Masks = "leave-out",
-) -> Views:
-    """Read the chosen photographs; arguments and errors as for `read_views`, `remarks` only on their pixels."""
-    return with_depth_bounds(chosen, read_unbounded(chosen, background, masks), near, far)
 
 
 def read_others(
@@ -99,6 +87,13 @@ def read_others(
         if on_left_out is not None:
             on_left_out(sentence)
     return joined(read) if read else None
+
+
+def read_readable(chosen: ChosenPhotographs, indices: list[int], masks: Masks) -> tuple[Views | None, list[int]]:
+    """Read those of the photographs that can be read, on white, and return their indices. indices: of all chosen."""
+    views = read_others(chosen, background="white", masks=masks, on_left_out=lambda _sentence: None)
+    names = () if views is None else views.names
+    return views, [index for name, index in zip(chosen.names, indices, strict=True) if name in names]
 
 
 def with_problems(scene: PosedPhotographs, indices: list[int], on_left_out: Callable[[str], None]) -> PosedPhotographs:

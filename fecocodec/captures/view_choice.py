@@ -16,7 +16,7 @@ from fecocodec.camera_files.posed_photographs import (
 from fecocodec.captures.reading_notes import passed_over_notes
 from fecocodec.captures.view_selection import LONGEST_NUMBER, All, Auto, Selection
 from fecocodec.captures.view_spread import auto_views, spread_views
-from fecocodec.errors import InputError
+from fecocodec.errors import InputError, error_context
 from fecocodec.limits import MAX_VIEWS
 
 _LONGEST_SHOWN = 80  # characters of a name in messages
@@ -44,10 +44,8 @@ def select_views(
     if isinstance(selection, All):
         return choose_views(usable, tuple(range(len(usable))), folder), notes
     rest = replace(scene, photographs=usable)
-    try:
+    with error_context(folder):
         indices = auto_views(rest) if isinstance(selection, Auto) else spread_views(rest, selection.count)
-    except InputError as error:
-        raise InputError(f"{folder}: {error}") from error
     return [usable[index] for index in indices], notes
 
 

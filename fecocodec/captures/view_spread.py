@@ -103,9 +103,7 @@ def _best(largest: Float[np.ndarray, " candidate"], centrality: Float[np.ndarray
     return int(just_enough[centrality[just_enough].argmax()])
 
 
-def overlaps_and_baselines(
-    scene: PosedPhotographs,
-) -> tuple[Float[np.ndarray, "view view"], Float[np.ndarray, "view view"]]:
+def overlaps_and_baselines(scene: PosedPhotographs) -> tuple[Overlap, Overlap]:
     """Return estimated covisibility, and distances between cameras in units of the depth (harmonic mean)."""
     poses = np.stack([photograph.camera_to_world for photograph in scene.photographs])
     centres = poses[:, :3, 3]

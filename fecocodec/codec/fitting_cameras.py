@@ -7,7 +7,7 @@ import torch
 
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.captures.chosen_photographs import framed
-from fecocodec.captures.scene_folder import Masks, read_others
+from fecocodec.captures.scene_folder import Masks, read_readable
 from fecocodec.captures.view_choice import is_usable
 from fecocodec.codec.roles import LEAST_FOR_CHOICE, usable_cameras
 from fecocodec.geometry.bundle_adjustment import Adjusted, adjusted
@@ -49,9 +49,7 @@ def _sample(scene: PosedPhotographs, usable: list[int]) -> list[int]:
 def _fit(scene: PosedPhotographs, indices: list[int], masks: Masks) -> tuple[list[int], Adjusted | None]:
     """Return which of the photographs could be read, and their cameras if they fit better."""
     chosen = framed(scene, [scene.photographs[index] for index in indices], (CORNER_SIDE, CORNER_SIDE), [])
-    views = read_others(chosen, background="white", masks=masks, on_left_out=lambda _sentence: None)
+    views, readable = read_readable(chosen, indices, masks)
     if views is None:
         return [], None
-    index_of = dict(zip(chosen.names, indices, strict=True))
-    better = adjusted(views.cameras, corners_of(views.images, views.ignored), photographs=views)
-    return [index_of[name] for name in views.names], better
+    return readable, adjusted(views.cameras, corners_of(views.images, views.ignored), photographs=views)

@@ -33,9 +33,7 @@ def read_by_role(
         on_progress("choosing views", 0.0)
         return coded_views(scene, options, shares.update, order[:most], others)
 
-    roles = choose_roles(
-        scene, messages.path, options.views, options.guides, options.num_checks, options.size, decide=decide
-    )
+    roles = choose_roles(scene, messages.path, options, decide)
     messages.warn(*roles.warnings)
     for sentence in roles.omissions:
         messages.omit(sentence)

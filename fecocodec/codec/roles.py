@@ -34,6 +34,7 @@ from fecocodec.captures.view_spread import (
     within_reach,
 )
 from fecocodec.codec.guide_choice import COPY, NO_GUIDES, NOT_NAMED, chosen_guides, reasons
+from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import InputError, error_context
 from fecocodec.limits import MAX_VIEWS
 from fecocodec.photographs.framing import MIN_KEPT_AREA, kept_share
@@ -65,26 +66,18 @@ Decide = Callable[[list[int], list[int]], list[int]]
 """(candidates in the order in which they would be coded, photographs that can guide) -> those that are coded."""
 
 
-def choose_roles(
-    scene: PosedPhotographs,
-    folder: Path,
-    views: Selection | None,
-    guides: Guides = None,
-    num_checks: int | None = None,
-    size: tuple[int, int] | None = None,
-    *,
-    decide: Decide,
-) -> Roles:
+def choose_roles(scene: PosedPhotographs, folder: Path, options: EncodingOptions, decide: Decide) -> Roles:
     """Return the roles of the photographs of a scene. Frames without an image or a usable camera have none.
 
-    views: which are coded; None for all of up to four, else those that `decide` returns. guides: None chooses them,
-    `Spread` at most so many, () is for none. num_checks: None for one in ten, from six photographs on. size: (height,
-    width) of the coded views, None for the most frequent size.
+    options: only `views`, `guides`, `num_checks` and `size` count. decide: chooses the coded views of more than four if
+    `views` is None or `Auto`.
     Raises InputError for named photographs that do not exist or cannot be used, if none can be used, and for more
     checks or views than there are.
     """
-    photographs, guides = scene.photographs, () if guides == Spread(0) else guides
-    named, taught = _named(photographs, folder, views, guides)
+    if options.guides == Spread(0):
+        options = replace(options, guides=())
+    photographs = scene.photographs
+    named, taught = _named(photographs, folder, options.views, options.guides)
     available = [index for index, photograph in enumerate(photographs) if is_usable(photograph)]
     if not available:
         raise no_view(scene)
@@ -94,7 +87,7 @@ def choose_roles(
     kept, copies = without_copies([photographs[index] for index in order])
     own = {id(photograph) for photograph in kept}
     available = [index for index in available if index in chosen or id(photographs[index]) in own]
-    found = _roles(scene, folder, available, (views, named), (guides, taught), num_checks, size, decide)
+    found = _roles(scene, folder, available, named, taught, options, decide)
     if named:
         left_out = [index for index in order if index not in available]
         return replace(found, unused={**found.unused, COPY: left_out}) if left_out else found
@@ -105,17 +98,16 @@ def _roles(
     scene: PosedPhotographs,
     folder: Path,
     available: list[int],
-    coded: tuple[Selection | None, list[int]],
-    teaching: tuple[Guides, list[int]],
-    num_checks: int | None,
-    size: tuple[int, int] | None,
+    named: list[int],
+    taught: list[int],
+    options: EncodingOptions,
     decide: Decide,
 ) -> Roles:
-    """Return the roles of the photographs that can be used. Other arguments and errors as for `choose_roles`.
+    """Return the roles of the available photographs. Other arguments and errors as for `choose_roles`.
 
-    coded, teaching: which are asked for, and the indices of those that are named.
+    named, taught: those that are named to be coded, and to guide.
     """
-    (views, named), (guides, taught) = coded, teaching
+    views, guides, num_checks = options.views, options.guides, options.num_checks
     photographs, count = scene.photographs, len(available)
     if isinstance(views, Spread):
         with error_context(folder):
@@ -155,8 +147,8 @@ def _roles(
         context = _unguided(scene, folder, views, usable, decide)
     else:
         reached = with_neighbours(overlap, usable) or usable
-        shaped = _of_one_shape(pinholes, reached, size)
-        misshapen = set(usable) - set(_of_one_shape(pinholes, usable, size))
+        shaped = _of_one_shape(pinholes, reached, options.size)
+        misshapen = set(usable) - set(_of_one_shape(pinholes, usable, options.size))
         context = _covering(overlap, usable, shaped, views, lambda order: decide(order, [*reached, *taught]))
     if not isinstance(guides, tuple):
         others = [index for index in usable if index not in context]
@@ -169,10 +161,7 @@ def _roles(
 
 
 def _named(
-    photographs: list[PosedPhotograph],
-    folder: Path,
-    views: Selection | None,
-    guides: Guides,
+    photographs: list[PosedPhotograph], folder: Path, views: Selection | None, guides: Guides
 ) -> tuple[list[int], list[int]]:
     """Return the named coded photographs and guides. Raises InputError if one does not exist, or is both."""
     named = list[int]()

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.captures.chosen_photographs import framed
-from fecocodec.captures.scene_folder import read_others, with_depth_bounds
+from fecocodec.captures.scene_folder import read_readable, with_depth_bounds
 from fecocodec.checkpoint import model_folder
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.errors import InputError
@@ -110,9 +110,7 @@ def _read_small(
     scale = min(1.0, (MATCHED_PIXELS / (height * width)) ** 0.5)
     size = (max(MIN_SIDE, round(height * scale)), max(MIN_SIDE, round(width * scale)))
     chosen = framed(scene, [scene.photographs[index] for index in indices], size, [])
-    views = read_others(chosen, background="white", masks=options.masks, on_left_out=lambda _sentence: None)
+    views, readable = read_readable(chosen, indices, options.masks)
     if views is None:
         raise InputError(f"{scene.cameras_path}: none of its images can be read; check the images.")
-    index_of = dict(zip(chosen.names, indices, strict=True))
-    views = with_depth_bounds(chosen, views, options.near, options.far)
-    return views, [index_of[name] for name in views.names]
+    return with_depth_bounds(chosen, views, options.near, options.far), readable

@@ -13,13 +13,18 @@ from fecocodec.camera_files.posed_photographs import PosedPhotograph, PosedPhoto
 from fecocodec.captures.view_selection import All, Auto, Selection, Spread
 from fecocodec.codec import roles as roles_of_photographs
 from fecocodec.codec.guide_choice import MAX_GUIDES, OTHER_SHAPE
+from fecocodec.codec.options import EncodingOptions
 from fecocodec.codec.roles import Roles, default_checks
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import Lens
 
 FOLDER = Path("photos")
 MakeWalk = Callable[..., PosedPhotographs]
-choose_roles = partial(roles_of_photographs.choose_roles, decide=lambda order, _others: order[:3])
+
+
+def choose_roles(scene, folder, views=None, guides=None, num_checks=None, size=None, decide=lambda order, _: order[:3]):
+    options = EncodingOptions(views=views, guides=guides, num_checks=num_checks, size=size)
+    return roles_of_photographs.choose_roles(scene, folder, options, decide)
 
 
 @pytest.fixture
