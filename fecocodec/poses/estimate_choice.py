@@ -18,8 +18,7 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from fecocodec.photographs.lens import Lens, distort
 from fecocodec.poses.estimated_cameras import EstimatedCamera, cameras_of, pose_difference
 from fecocodec.poses.likely_pairs import Pair
-from fecocodec.poses.turned_camera import Points
-from fecocodec.poses.two_view_fit import LOSS_SCALE_PX, TwoViewMatches
+from fecocodec.poses.two_view_fit import LOSS_SCALE_PX, Points, TwoViewMatches
 
 _MOST_MATCHES = 200  # of a pair, evenly chosen
 _UNDISTORTION_STEPS = 20

@@ -39,14 +39,10 @@ from fecocodec.poses.pycolmap_matching import (
     read_points,
     verified_matches,
 )
-from fecocodec.poses.pycolmap_steps import (
-    load_pycolmap,
-    map_photographs,
-    refine,
-    set_focal_lengths,
-)
-from fecocodec.poses.turned_camera import Points, only_turned
+from fecocodec.poses.pycolmap_steps import load_pycolmap, map_photographs, refine, set_focal_lengths
+from fecocodec.poses.turned_camera import only_turned
 from fecocodec.poses.two_photographs import reconstruct_pair
+from fecocodec.poses.two_view_fit import Points
 
 LEAST_ANGLE = 1.0  # degrees, median angle between the rays of a point; with less, depth is not determined
 # Smallest angle (degrees) and number of inliers of the first pair, and number of inliers of a further photograph.

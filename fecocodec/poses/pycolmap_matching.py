@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from fecocodec.photographs.image_headers import read_image_size
 from fecocodec.poses.estimated_cameras import ImageGroup
 from fecocodec.poses.likely_pairs import Features, Pair
 from fecocodec.poses.pycolmap_steps import RADIAL_FROM, SEED
@@ -40,29 +41,23 @@ def extract_features(
     options.sift.peak_threshold = _PEAK_THRESHOLD
     options.sift.max_num_features = _MOST_FEATURES if count < _MANY else _MOST_FEATURES_OF_MANY
     for group in groups:
-        height, width = _size(pycolmap, folder / group.names[0])
+        height, width = read_image_size(folder / group.names[0])
         lens = [group.focal_px, width / 2, height / 2]
         reader = pycolmap.ImageReaderOptions()
         if masks is not None:
             reader.mask_path = masks
         reader.camera_model = "SIMPLE_RADIAL" if count >= RADIAL_FROM else "SIMPLE_PINHOLE"
         reader.camera_params = ",".join(map(repr, lens + [0.0] * (count >= RADIAL_FROM)))
-        names = {"camera_mode": pycolmap.CameraMode.SINGLE, "image_names": list(group.names)}
+        chosen = {"camera_mode": pycolmap.CameraMode.SINGLE, "image_names": list(group.names)}
         # Threads of the extraction would number the photographs in the order in which they finish.
-        pycolmap.import_images(database, folder, **names, options=reader)
+        pycolmap.import_images(database, folder, **chosen, options=reader)
+        chosen |= {"reader_options": reader, "extraction_options": options, "device": pycolmap.Device.cpu}
         if count >= _MANY and width * height >= _LARGE:
             options.sift.first_octave = 0
-            _extract(pycolmap, database, folder, names, reader, options)
+            pycolmap.extract_features(database, folder, **chosen)
             _forget_features(pycolmap, database, group.names, options.sift.max_num_features)
         options.sift.first_octave = -1
-        _extract(pycolmap, database, folder, names, reader, options)
-
-
-def _extract(pycolmap: Any, database: Path, folder: Path, names: dict[str, Any], reader: Any, options: Any) -> None:
-    """Extract the features of those photographs that have none yet."""
-    pycolmap.extract_features(
-        database, folder, **names, reader_options=reader, extraction_options=options, device=pycolmap.Device.cpu
-    )
+        pycolmap.extract_features(database, folder, **chosen)  # of photographs that have none yet
 
 
 def _forget_features(pycolmap: Any, database: Path, names: tuple[str, ...], least: int) -> None:
@@ -80,11 +75,6 @@ def _forget_features(pycolmap: Any, database: Path, names: tuple[str, ...], leas
         for image_id, (keypoints, descriptors) in kept.items():
             opened.write_keypoints(image_id, keypoints)
             opened.write_descriptors(image_id, descriptors)
-
-
-def _size(pycolmap: Any, path: Path) -> tuple[int, int]:
-    bitmap = pycolmap.Bitmap.read(path, as_rgb=False)
-    return bitmap.height, bitmap.width
 
 
 def read_features(pycolmap: Any, database: Path) -> dict[str, Features]:

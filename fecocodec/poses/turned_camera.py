@@ -7,6 +7,8 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from fecocodec.poses.two_view_fit import Points
+
 # Largest error of a match that a turn explains, in pixels and in degrees; parallax of less gives no depth.
 _ERROR_PX, _ERROR_DEGREES = 1.0, 0.25
 # On 44 training scenes, a turn explained 0.84 or more of the matches of a drawn turn (with noise and JPEG artefacts),
@@ -15,8 +17,6 @@ _LEAST_SHARE = 0.8
 _LEAST_MATCHES = 30
 _MOST_ZOOM = 1.25  # of the initial focal length, and its inverse: a long lens makes a shift look like a turn
 _MOST_MATCHES = 1000
-
-Points = Float[np.ndarray, "match 2"]
 
 
 def only_turned(

@@ -5,14 +5,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fecocodec.poses.estimated_cameras import (
-    Ambiguity,
-    EstimatedCamera,
-    ImageGroup,
-    Reconstruction,
-    angle_between,
-)
-from fecocodec.poses.two_view_fit import TwoViewFit, TwoViewMatches, fit_two_views, vary_focal_length
+from fecocodec.poses.estimated_cameras import Ambiguity, EstimatedCamera, ImageGroup, Reconstruction, angle_between
+from fecocodec.poses.two_view_fit import Points, TwoViewFit, TwoViewMatches, fit_two_views, vary_focal_length
 
 # Strength of the prior on the focal length (`TwoViewMatches`), without and with EXIF data. Twice the focal length has
 # to lower the cost by 13%, 1.1 times that of EXIF data by 5%.
@@ -21,8 +15,6 @@ _PRIOR, _PRIOR_WITH_EXIF = 0.3, 5.5
 _SIMILAR_FOCAL, _SIMILAR_POSE = 0.02, 0.1
 _MOST_MATCHES = 1000  # evenly chosen; more take time and hardly change the fit
 _LARGEST_ERROR_PX, _SMALLEST_ANGLE = 4.0, 0.5  # of points, as in the reconstruction of more photographs
-
-Points = Float[np.ndarray, "match 2"]
 
 
 def reconstruct_pair(
