@@ -13,8 +13,6 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fecocodec.errors import InputError, OutputError
 from fecocodec.splat_files.gaussian_arrays import CameraArrays, OutputScene
 from fecocodec.splat_files.spz import spz_bytes
@@ -79,7 +77,7 @@ def _cameras(cameras: CameraArrays) -> dict[str, object]:
         {
             "rotation": pose[:3, :3].flatten().tolist(),
             "centre": pose[:3, 3].tolist(),
-            "intrinsics": np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2]]).tolist(),
+            "intrinsics": k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
         }
         for pose, k in zip(cameras.extrinsics, cameras.intrinsics, strict=True)
     ]
