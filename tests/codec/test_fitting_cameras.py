@@ -68,9 +68,7 @@ def test_nothing_is_read_where_nothing_is_chosen(wrong: Path) -> None:
     assert with_fitting_cameras(four, "leave-out") == (four, None)
 
 
-def test_as_many_photographs_are_chosen_as_with_right_cameras(
-    wrong: Path, views: Views, tmp_path: Path, random_weights: Path
-) -> None:
+def test_as_many_photographs_are_chosen_as_with_right_cameras(wrong, views, tmp_path, random_weights) -> None:
     write_views(tmp_path / "scene", views)
     options = EncodingOptions(effort="fast", num_stages=1, is_measured=False, num_checks=0)
     right, found = (encode_folder(folder, options) for folder in (tmp_path / "scene", wrong))
