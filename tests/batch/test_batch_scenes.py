@@ -75,6 +75,9 @@ def test_a_wrong_manifest_is_one_sentence(root: Path, lines: str, sentence: str)
     with pytest.raises(InputError) as caught:
         scene_folders(manifest)
     assert str(caught.value) == sentence.format(manifest=manifest, root=root)
+    manifest.write_text("missing.fcs\n")
+    with pytest.raises(InputError, match=f"line 1: there is no file {root}/missing.fcs; correct the path."):
+        coded_scenes(manifest)
 
 
 def test_folders_without_scenes_are_refused(root: Path, tmp_path: Path) -> None:

@@ -57,9 +57,7 @@ BAD_STREAMS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
 
 @pytest.mark.parametrize("command", ["decode", "render"])
 @pytest.mark.parametrize(("damage", "sentence"), BAD_STREAMS.values(), ids=BAD_STREAMS)
-def test_bad_streams(
-    fecosplat, wall_file: Path, random_weights: Path, output: Path, damage, sentence: str, command: str
-) -> None:
+def test_bad_streams(fecosplat, wall_file, random_weights, output, damage, sentence, command) -> None:
     wall_file.write_bytes(damage(wall_file.read_bytes()))
     result = fecosplat(command, wall_file, "-o", output / "result.ply" if command == "decode" else output)
     assert_refused(result, output, f"{wall_file}: {sentence.format(weights=random_weights)}")
@@ -75,14 +73,6 @@ def test_a_file_longer_than_any_stream_is_not_read(fecosplat, wall_file: Path, o
 def test_an_endless_device_is_refused_by_its_beginning(fecosplat, output: Path) -> None:
     result = fecosplat("decode", "/dev/zero", "-o", output / "a.ply")
     assert_refused(result, output, "/dev/zero: not a .fcs file: its signature at byte 0 is 00 00 00 00 00 00 00 00...")
-
-
-def test_a_stream_may_come_through_a_pipe(fecosplat, wall: bytes, output: Path) -> None:
-    reader, writer = os.pipe()
-    os.write(writer, wall)
-    os.close(writer)
-    assert fecosplat("info", f"/dev/fd/{reader}").code == 0
-    os.close(reader)
 
 
 @pytest.mark.parametrize(
@@ -101,9 +91,7 @@ def test_a_stream_may_come_through_a_pipe(fecosplat, wall: bytes, output: Path) 
         (b"\xff\xd8\xff\xe0\0\x10JF", "a JPEG image", "; it reads folders of photographs"),
     ],
 )
-def test_a_known_format_is_named(
-    fecosplat, tmp_path: Path, output: Path, start: bytes, kind: str, readers: str
-) -> None:
+def test_a_known_format_is_named(fecosplat, tmp_path, output, start, kind, readers) -> None:
     file = tmp_path / "scene.ply"
     file.write_bytes(start)
     sentence = f"{file}: not a .fcs file: this is {kind}; give a file written by fecosplat encode{readers}."

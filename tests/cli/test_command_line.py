@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from fecosplat_cli.main import COMMANDS
+from fecosplat_cli.main import COMMANDS, run
 
 import fecocodec
 
@@ -32,12 +32,14 @@ def test_the_script_and_the_module_run(command: list) -> None:
         ("encode sc", "file,sc"),
     ],
 )
-def test_the_shell_completes(words: str, expected: str) -> None:
+def test_the_shell_completes(words: str, expected: str, monkeypatch, capsys) -> None:
     """words: after the name of the program; the last one is to be completed."""
-    place = {"COMP_WORDS": f"fecosplat {words}", "COMP_CWORD": str(len(words.split()))}
-    environment = os.environ | place | {"_FECOSPLAT_COMPLETE": "bash_complete"}
-    result = subprocess.run([CONSOLE_SCRIPT], capture_output=True, text=True, check=True, env=environment)
-    assert result.stdout.splitlines() == [expected]
+    monkeypatch.setenv("_FECOSPLAT_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", f"fecosplat {words}")
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
+    with pytest.raises(SystemExit):
+        run([])
+    assert capsys.readouterr().out.splitlines() == [expected]
 
 
 def test_help_lists_every_command(fecosplat) -> None:

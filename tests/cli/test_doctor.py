@@ -6,7 +6,6 @@ A CUDA device without its renderer: refused before the content of any input is r
 import json
 import sys
 from importlib.metadata import version
-from pathlib import Path
 
 import fecosplat_cli.doctor as doctor
 import pytest
@@ -66,14 +65,7 @@ def cuda_without_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
         ("train", "run"),
     ],
 )
-def test_what_renders_there_is_refused(
-    fecosplat,
-    photographs: Path,
-    tmp_path: Path,
-    output: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: tuple[str, ...],
-) -> None:
+def test_what_renders_there_is_refused(fecosplat, photographs, tmp_path, output, monkeypatch, arguments) -> None:
     monkeypatch.chdir(output)
     paths = {PHOTOGRAPHS: photographs, GAUSSIANS: tmp_path / "never-read.ply"}
     paths[GAUSSIANS].write_bytes(b"not read")
@@ -90,8 +82,6 @@ def test_what_renders_there_is_refused(
         ("render", "missing", "-o", "images"),
     ],
 )
-def test_what_does_not_goes_on_to_its_input(
-    fecosplat, output: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
-) -> None:
+def test_what_does_not_goes_on_to_its_input(fecosplat, output, monkeypatch, arguments) -> None:
     monkeypatch.chdir(output)
     assert_refused(fecosplat(*arguments, "--device", "cuda"), output, "missing: ...")

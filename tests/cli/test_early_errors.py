@@ -113,9 +113,7 @@ def test_without_torch(arguments: tuple[str, ...], sentence: str, answers: dict[
 
 
 @pytest.mark.parametrize("arguments", [("info",), ("decode", "-o", "a.ply"), ("encode", "-o", "a.fcs")])
-def test_a_file_without_permission_is_no_wrong_usage(
-    fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_without_permission_is_no_wrong_usage(fecosplat, tmp_path, arguments, monkeypatch) -> None:
     """The superuser may read everything, so the check that the parser of options would make is made to fail."""
     closed = tmp_path / "closed"
     closed.write_bytes(b"")
@@ -128,9 +126,7 @@ def test_a_file_without_permission_is_no_wrong_usage(
     "arguments",
     [("decode", "missing.fcs", "-o", "a.html"), ("batch", "decode", "missing", "-o", "out", "--format", "html")],
 )
-def test_a_missing_page_is_reported_before_the_file_is_read(
-    fecosplat, tmp_path: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_page_is_reported_before_the_file_is_read(fecosplat, tmp_path, arguments, monkeypatch) -> None:
     monkeypatch.setattr(html_page, "scene_page", partial(html_page.scene_page, tmp_path))
     monkeypatch.chdir(tmp_path)
     result = fecosplat(*arguments)
@@ -186,9 +182,7 @@ def test_warnings_of_python_and_numpy_do_not_reach_the_terminal() -> None:
 @pytest.mark.parametrize(
     ("systems", "package"), [("codec", "flip_evaluator"), ("images", "imagecodecs"), ("gaussians", "gsply")]
 )
-def test_missing_packages_are_reported_before_any_work(
-    fecosplat, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, systems: str, package: str
-) -> None:
+def test_missing_packages_are_reported_before_any_work(fecosplat, tmp_path, monkeypatch, systems, package) -> None:
     monkeypatch.setattr("fecocodec.evaluation.extras.find_spec", lambda name: None if name == package else object())
     result = fecosplat("eval", tmp_path / "no", "--index", "no", "-o", tmp_path / "out", "--systems", systems)
     assert (result.code, result.out) == (1, "")

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from fecosplat_cli.encode import report_fields, roles_note, say_result
 from fecosplat_cli.output import in_options
-from refusals import assert_refused
 
 from fecocodec.codec.encode_folder import EncodingReport, OtherViews
 from fecocodec.container import inspect
@@ -23,6 +22,7 @@ from fecocodec.sender.view_quality import (
     worst_view_warnings,
 )
 
+FAST = ("--effort", "fast", "--stages", "1")
 QUALITY = (DecodedQuality((20.0, 22.0)), DecodedQuality((25.5, 24.5)))
 
 
@@ -91,9 +91,7 @@ def test_what_the_others_are_for_is_said() -> None:
     assert roles_note(guided, is_chosen=True) == f"coded views: a.png, b.png; {others}"
 
 
-def test_warnings_come_before_the_work(
-    fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_warnings_come_before_the_work(fecosplat, photographs, output, monkeypatch) -> None:
     """Those from headers of images come first, then those from pixels; both before the encoder starts."""
 
     def stop(*_arguments: object, **_options: object) -> bytes:
@@ -112,45 +110,19 @@ def test_warnings_come_before_the_work(
     ]
 
 
-ONE_VIEW = ("--views", "view_0.png", "--guides", "none", "--effort", "fast", "--stages", "1")
-TWO_VIEWS = ("--views", "0,1", "--effort", "fast", "--stages", "1")
-NO_PARALLAX = "one view has no parallax, so its depth is unreliable; add a view from another position"
-ERROR = "(--strict makes this warning an error)."
-
-
 @pytest.mark.usefixtures("networks")
-def test_strict_makes_a_warning_an_error(fecosplat, photographs: Path, output: Path) -> None:
-    result = fecosplat("encode", photographs, "-o", output / "a.fcs", *ONE_VIEW, "--strict")
-    assert_refused(result, output, f"{photographs}: {NO_PARALLAX} {ERROR}")
-
-
-@pytest.mark.usefixtures("networks")
-def test_strict_covers_the_decoded_views_and_keeps_an_older_file(
-    fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_strict_covers_the_decoded_views_and_keeps_an_older_file(fecosplat, photographs, output, monkeypatch) -> None:
     """Untrained networks decode to poor views; this warning is the last one, after the file is coded."""
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
-    arguments = ("encode", photographs, "-o", output / "a.fcs", *TWO_VIEWS, "--json")
+    arguments = ("encode", photographs, "-o", output / "a.fcs", "--views", "0,1", *FAST, "--json")
     (warning,) = json.loads(fecosplat(*arguments).out)["warnings"]
     (output / "a.fcs").write_bytes(b"precious")
     assert warning.startswith("the decoded views are poor")
     result = fecosplat(*arguments, "--strict", "--overwrite")
     assert (result.code, result.out) == (1, "")
-    assert result.err.splitlines()[-1] == f"fecosplat: {photographs}: {warning.removesuffix('.')} {ERROR}"
+    error = f"{photographs}: {warning.removesuffix('.')} (--strict makes this warning an error)."
+    assert result.err.splitlines()[-1] == f"fecosplat: {error}"
     assert (output / "a.fcs").read_bytes() == b"precious"
-
-
-@pytest.mark.usefixtures("networks")
-def test_strict_without_a_warning_changes_nothing(
-    fecosplat, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("quality_warnings", "left_out_warnings"):
-        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
-    monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
-    for name, strict in (("a.fcs", ()), ("b.fcs", ("--strict",))):
-        result = fecosplat("encode", photographs, "-o", output / name, *TWO_VIEWS, *strict)
-        assert result.code == 0 and "warning:" not in result.err
-    assert (output / "a.fcs").read_bytes() == (output / "b.fcs").read_bytes()
 
 
 def test_poor_views_are_said() -> None:

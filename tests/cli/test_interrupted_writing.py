@@ -11,15 +11,12 @@ import pytest
 from refusals import assert_refused
 
 from fecocodec.splat_files.ply import read_ply
+from tests.vectors.tiny_model import VECTORS
 
-# Encodes or decodes until it writes, says so, and waits there to be killed: half of the output is on the disk then.
+# Decodes until it writes, says so, and waits there to be killed: half of the output is on the disk then.
 CHILD = """
 import sys, time
-from pathlib import Path
-from fecocodec import model_files
 from fecocodec import atomic
-model, weights, *arguments = sys.argv[1:]
-model_files.SHIPPED, model_files.DEFAULT_MODEL = Path(weights), model
 
 def stall(source, target):
     data = source.read_bytes()
@@ -29,37 +26,24 @@ def stall(source, target):
 
 atomic.os.link = atomic.os.replace = stall
 from fecosplat_cli.main import run
-sys.exit(run(arguments))
+sys.exit(run(sys.argv[1:]))
 """
-MODEL = "random"
 
 
-@pytest.fixture(params=["encode", "decode"])
-def killed(request, photographs: Path, wall: bytes, random_weights: Path, tmp_path: Path, output: Path) -> Path:
-    """The output of a command that was killed while it wrote; a file was there before."""
-    source = photographs if request.param == "encode" else tmp_path / "wall.fcs"
-    (tmp_path / "wall.fcs").write_bytes(wall)
-    target = output / ("a.fcs" if request.param == "encode" else "a.ply")
+def test_a_killed_command_leaves_the_old_file_whole(output: Path) -> None:
+    target = output / "a.ply"
     target.write_bytes(b"precious")
-    arguments = [request.param, source, "-o", target, "--overwrite"]
-    arguments += ["--views", "0,1", "--stages", "1", "--effort", "fast"] if request.param == "encode" else []
-    command = [sys.executable, "-c", CHILD, MODEL, random_weights, *arguments]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    arguments = ["decode", VECTORS / "valid" / "scene-compact-6.fcs", "-o", target, "--overwrite"]
+    child = subprocess.Popen([sys.executable, "-c", CHILD, *arguments], stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None and child.stdout.readline() == "writing\n"
     child.send_signal(signal.SIGKILL)
     child.wait(timeout=20)
-    return target
-
-
-def test_a_killed_command_leaves_the_old_file_whole(killed: Path) -> None:
-    assert killed.read_bytes() == b"precious"
-    leftovers = [path.name for path in killed.parent.iterdir() if path != killed]
+    assert target.read_bytes() == b"precious"
+    leftovers = [path.name for path in output.iterdir() if path != target]
     assert all(name.startswith(".") and ".part" in name for name in leftovers), "half a file under a name of its own"
 
 
-def test_an_interrupted_command_leaves_nothing(
-    fecosplat, wall_file: Path, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_command_leaves_nothing(fecosplat, wall_file, output, monkeypatch) -> None:
     def interrupt(source: object, target: object) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -84,9 +68,7 @@ def read_only(output: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("command", ["encode", "decode"])
-def test_a_read_only_folder(
-    fecosplat, photographs: Path, wall_file: Path, output: Path, read_only: Path, command: str
-) -> None:
+def test_a_read_only_folder(fecosplat, photographs, wall_file, output, read_only, command) -> None:
     options = ("--views", "0,1", "--stages", "1", "--effort", "fast") if command == "encode" else ()
     source = photographs if command == "encode" else wall_file
     target = read_only / ("a.fcs" if command == "encode" else "a.ply")
@@ -114,9 +96,7 @@ def test_encoding_into_a_photograph_is_refused(fecosplat, photographs: Path, out
 
 
 @pytest.mark.usefixtures("networks")
-def test_an_older_stream_among_the_photographs_may_be_replaced(
-    fecosplat, photographs: Path, wall: bytes, tmp_path: Path, output: Path
-) -> None:
+def test_an_older_stream_among_the_photographs_may_be_replaced(fecosplat, photographs, wall, tmp_path, output) -> None:
     folder = tmp_path / "photographs"
     folder.mkdir()
     for file in photographs.iterdir():

@@ -77,9 +77,7 @@ def test_a_file_is_decoded_beside_it_by_default(fecosplat, wall: bytes, tmp_path
 
 
 @pytest.mark.usefixtures("networks")
-def test_title_and_author_of_a_stranger_reach_no_output(
-    fecosplat, wall: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_title_and_author_of_a_stranger_reach_no_output(fecosplat, wall, tmp_path, monkeypatch) -> None:
     """Files of Gaussians and pages are the same with and without metadata."""
     monkeypatch.setattr("fecocodec.splat_files.html_page.scene_page", lambda: b"/*SCENE*/ /*GAUSSIANS*/")
     evil = "</script><script>alert(1)</script>\x1b]0;owned\x07\x00"
@@ -101,10 +99,9 @@ def test_the_name_of_a_file_cannot_end_a_script_of_the_page(monkeypatch: pytest.
     assert json.loads(page.rpartition(b" ")[0])["name"] == name
 
 
-@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
-def test_a_process_without_a_console_decodes(coded_scene: Path, output: Path, closed: str) -> None:
+def test_a_process_without_a_console_decodes(coded_scene: Path, output: Path) -> None:
     """As of pythonw and daemons; the first files that are opened would take the places of closed streams."""
-    command = f'"{sys.executable}" -m fecosplat_cli decode "{coded_scene}" -o "{output / "a.ply"}" {closed}'
+    command = f'"{sys.executable}" -m fecosplat_cli decode "{coded_scene}" -o "{output / "a.ply"}" <&- >&- 2>&-'
     assert subprocess.run(command, shell=True).returncode == 0
     assert len(read_ply(output / "a.ply").means) > 0
 

@@ -20,9 +20,7 @@ def wall(photographs: Path, model: Path) -> bytes:
     return fecocodec.encode(views, effort="fast", model=model, num_stages=1)
 
 
-def test_files_of_own_weights_go_there_and_back(
-    fecosplat, photographs: Path, model: Path, wall: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_of_own_weights_go_there_and_back(fecosplat, photographs, model, wall, tmp_path, monkeypatch) -> None:
     file, splats, images = tmp_path / "wall.fcs", tmp_path / "wall.ply", tmp_path / "images"
     options = ("--views", "0,1", "--guides", "none", "--effort", "fast", "--model", ".")
     monkeypatch.chdir(model)  # a relative folder

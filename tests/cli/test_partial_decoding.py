@@ -85,9 +85,7 @@ def test_what_is_intact_is_decoded(fecosplat, whole: bytes, tmp_path: Path, outp
 
 
 @pytest.mark.parametrize("place", ["cameras", "middle of B1"])
-def test_nothing_is_made_of_a_file_without_an_intact_first_stage(
-    fecosplat, whole: bytes, tmp_path: Path, output: Path, place: str
-) -> None:
+def test_nothing_is_made_of_a_file_without_an_intact_first_stage(fecosplat, whole, tmp_path, output, place) -> None:
     file = tmp_path / "cut.fcs"
     file.write_bytes(cut_at(place)(whole))
     result = fecosplat("decode", file, "-o", output / "a.ply", "--partial")

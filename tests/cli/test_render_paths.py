@@ -37,9 +37,7 @@ def test_cameras_need_no_photographs(fecosplat, ply: Path, photographs: Path, tm
     assert image.std() > 0.1  # the wall, not the background
 
 
-def test_cameras_that_see_nothing_of_the_scene_are_named(
-    fecosplat, ply: Path, photographs: Path, tmp_path: Path
-) -> None:
+def test_cameras_that_see_nothing_of_the_scene_are_named(fecosplat, ply, photographs, tmp_path) -> None:
     """A camera that is 1000 times as far away, in another unit of length, does not see the wall."""
     scene = json.loads((photographs / "transforms.json").read_text())
     for row in scene["frames"][1]["transform_matrix"][:3]:
@@ -90,9 +88,7 @@ def test_a_camera_path_of_nerfstudio_sets_size_and_rate(fecosplat, ply: Path, tm
         assert (stream.average_rate, stream.width, stream.height) == (24, 120, 80)  # an odd row is left out
 
 
-def test_a_video_without_its_package_is_one_sentence(
-    fecosplat, ply: Path, photographs: Path, output: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_video_without_its_package_is_one_sentence(fecosplat, ply, photographs, output, monkeypatch) -> None:
     monkeypatch.setattr("fecocodec.photographs.video_frames.find_spec", lambda _name: None)
     result = fecosplat("render", ply, "--video", output / "a.mp4", "--cameras", photographs)
     assert (result.code, list(output.iterdir())) == (1, [])

@@ -71,19 +71,17 @@ def test_saved_cameras_encode_to_the_same_bytes_from_another_folder(fecosplat, u
         assert output.read_bytes() == (tmp_path / "a.fcs").read_bytes()
 
 
-def test_strict_refuses_cameras_that_may_be_wrong_and_saves_none(fecosplat, unposed, tmp_path: Path) -> None:
-    files = ("-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "cameras.json")
-    result = fecosplat("encode", unposed, *files, *FAST, "--strict", "-q")
+def test_strict_refuses_estimated_cameras_that_may_be_wrong_and_given_ones_that_are_not_read(
+    fecosplat, unposed, tmp_path
+) -> None:
+    arguments = ("encode", unposed, "-o", tmp_path / "a.fcs", "--save-cameras", tmp_path / "cameras.json", *FAST)
+    result = fecosplat(*arguments, "--strict", "-q")
     assert result.code == 1
     assert result.err.startswith(f"fecosplat: {unposed}: the cameras may be wrong: two photographs do not determine")
     assert result.err.endswith(" (--strict makes this warning an error).\n") and result.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [unposed]
-
-
-def test_strict_refuses_estimation_beside_cameras_that_are_not_read(fecosplat, unposed, tmp_path: Path) -> None:
     (unposed / "cameras.xml").write_text("<document><chunk>")
-    result = fecosplat("encode", unposed, "-o", tmp_path / "a.fcs", *FAST, "--strict", "-q")
-    assert result.code == 1
+    result = fecosplat(*arguments, "--strict", "-q")
+    assert (result.code, list(tmp_path.iterdir())) == (1, [unposed])
     assert result.err == (
         f"fecosplat: {unposed}: cameras in cameras.xml (Metashape) are not read, and cameras are estimated; to use "
         "them, convert them to a transforms.json or a COLMAP model (--strict makes this warning an error).\n"
@@ -173,3 +171,16 @@ def test_a_video_that_cannot_be_read_is_one_sentence(fecosplat, tmp_path: Path) 
     assert result.code == 1
     assert result.err.startswith(f"fecosplat: {tmp_path / 'clip.mp4'}: the video cannot be read")
     assert not (tmp_path / "a.fcs").exists()
+
+
+def test_a_batch_records_estimated_cameras_as_a_note_and_their_doubt_as_a_warning(
+    fecosplat, networks, tmp_path, output
+):
+    shutil.copytree(EXAMPLE / "images", tmp_path / "scenes" / "pair")
+    result = fecosplat("batch", "encode", tmp_path / "scenes", "-o", output, "--shard", "1/1", *FAST)
+    assert result.code == 0, result.err
+    sidecar = json.loads((output / "pair.fcs.json").read_text())
+    (note,) = sidecar["details"]["notes"]
+    assert note.startswith("cameras estimated for 2 of 2 photographs: ")
+    assert sidecar["warnings"][0].startswith("the cameras may be wrong: two photographs do not determine")
+    assert not any("cameras estimated" in warning for warning in sidecar["warnings"])

@@ -72,9 +72,7 @@ def test_the_page_is_written_to_a_new_folder(fecosplat, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "arguments", [("web", "site"), ("view", VECTORS / "valid/scene-compact-6.fcs", "--decode-in-browser")]
 )
-def test_a_page_that_was_not_built_is_one_sentence(
-    fecosplat, built: Path, arguments: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_page_that_was_not_built_is_one_sentence(fecosplat, built, arguments, tmp_path) -> None:
     (built / "index.html").unlink()
     result = fecosplat(*arguments)
     assert (result.code, result.err) == (
