@@ -1,5 +1,6 @@
 """Everything that names output formats follows from their table: writing, help, refusals, batch, documentation."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -16,13 +17,12 @@ from tests.vectors.tiny_model import VECTORS
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = VECTORS / "valid" / "scene-compact-6.fcs"
 
-# Adds one file to the folder of formats and one entry to the table, then runs the command line.
-COMMAND = """
-import importlib.util, sys
+# Adds one file to the folder of formats and one entry to the table, then runs command lines and prints what they print.
+COMMANDS = """
+import contextlib, importlib.util, io, json, sys
 from pathlib import Path
 import fecocodec.splat_files
-folder, *arguments = sys.argv[1:]
-fecocodec.splat_files.__path__.append(folder)
+fecocodec.splat_files.__path__.append(sys.argv[1])
 specification = importlib.util.find_spec("fecocodec.splat_files.output_formats")
 text = Path(specification.origin).read_text()
 entry = 'OutputFormat(".xyz", "centres", "centres alone", "centres as text", "exact", RDF, may_be_empty=True)'
@@ -31,7 +31,12 @@ module = importlib.util.module_from_spec(specification)
 sys.modules[specification.name] = module
 exec(text.replace("FORMATS = (\\n    PLY,\\n", "FORMATS = (\\n    PLY,\\n    " + entry + ",\\n"), module.__dict__)
 from fecosplat_cli.main import run
-sys.exit(run(arguments))
+results = []
+for arguments in json.load(sys.stdin):
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = run(arguments)
+    results.append((code, out.getvalue() + err.getvalue()))
+print(json.dumps(results))
 """
 NEW_FILE = """
 def file_bytes(scene):
@@ -39,38 +44,31 @@ def file_bytes(scene):
 """
 
 
-@pytest.fixture
-def fecosplat(tmp_path: Path):
-    """Run the command line with the added format."""
-    folder = tmp_path / "added"
-    folder.mkdir()
-    (folder / "centres.py").write_text(NEW_FILE)
-
-    def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-c", COMMAND, str(folder), *map(str, arguments)]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-
-    return run
-
-
-def test_a_format_is_one_file_and_one_entry(fecosplat, tmp_path: Path) -> None:
-    output = tmp_path / "scene.xyz"
-    result = fecosplat("decode", SCENE, "-o", output)
-    assert result.returncode == 0, result.stderr
-    assert len(output.read_text().splitlines()) > 1000 and output.read_text().count(" ") > 2000
-    coded = tmp_path / "coded"
-    coded.mkdir()
+def test_a_format_is_one_file_and_one_entry(tmp_path: Path) -> None:
+    output, coded = tmp_path / "scene.xyz", tmp_path / "coded"
+    for folder in ("added", "coded"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "added" / "centres.py").write_text(NEW_FILE)
     (coded / "a.fcs").write_bytes(SCENE.read_bytes())
-    result = fecosplat("batch", "decode", coded, "-o", tmp_path / "many", "--format", "xyz", "--shard", "1/1")
-    assert result.returncode == 0, result.stderr
+    commands = (
+        ("decode", SCENE, "-o", output),
+        ("batch", "decode", coded, "-o", tmp_path / "many", "--format", "xyz", "--shard", "1/1"),
+        ("decode", "--help"),
+        ("batch", "decode", "--help"),
+        ("decode", SCENE, "-o", tmp_path / "a.obj"),
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", COMMANDS, tmp_path / "added"],
+        input=json.dumps([[str(word) for word in command] for command in commands]),
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    codes, printed = zip(*json.loads(result.stdout), strict=True)
+    assert codes == (0, 0, 0, 0, 1), printed
+    assert len(output.read_text().splitlines()) > 1000 and output.read_text().count(" ") > 2000
     assert (tmp_path / "many" / "a.xyz").read_bytes() == output.read_bytes()
-
-
-def test_help_and_refusals_name_an_added_format(fecosplat, tmp_path: Path) -> None:
-    assert ".xyz (centres alone)" in " ".join(fecosplat("decode", "--help").stdout.split())
-    assert "[ply|xyz|compressed.ply|" in fecosplat("batch", "decode", "--help").stdout
-    result = fecosplat("decode", SCENE, "-o", tmp_path / "a.obj")
-    assert result.returncode == 1 and "use .ply or .xyz or .compressed.ply or " in result.stderr
+    assert ".xyz (centres alone)" in " ".join(printed[2].split())
+    assert "[ply|xyz|compressed.ply|" in printed[3]
+    assert "use .ply or .xyz or .compressed.ply or " in printed[4]
 
 
 def test_the_documentation_has_the_table() -> None:
