@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,13 @@ def test_a_camera_of_the_3dgs_reference_that_is_not_valid_is_named(change, sente
     path.write_text("[]")
     with pytest.raises(InputError, match="no cameras; export it again"):
         read_render_cameras(path)
+
+
+def test_views_that_are_called_alike_are_kept_apart(tmp_path):
+    taken = [replace(shot, name=f"{side}/a.png") for shot, side in zip(shots(2), ("left", "right"), strict=True)]
+    for side in ("left", "right"):
+        (tmp_path / "images" / side).mkdir(parents=True)
+    assert read_render_cameras(write_transforms(tmp_path, taken)).names == ("00_a", "01_a")
 
 
 def test_depth_bounds_are_those_of_the_file_or_its_points(tmp_path):

@@ -50,26 +50,14 @@ def test_encode_prints_size_and_quality_of_each_stage(fecosplat, photographs: Pa
     assert "\nnote: of the others, 2 guide the encoder.\n" in f"\n{result.err}"
 
 
-def test_encode_names_the_views_that_it_has_chosen(fecosplat, photographs: Path, tmp_path: Path) -> None:
-    arguments = ("--views", "1", "--effort", "fast")
-    result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
-    (name,) = re.findall(r"^note: coded views: (view_\d\.png); of the others, 3 guide.*\.$", result.err, re.MULTILINE)
-    assert "coded view of" in result.err and name in {path.name for path in photographs.iterdir()}
-
-
 def test_encode_measures_photographs_that_it_did_not_use(fecosplat, photographs: Path, tmp_path: Path) -> None:
     arguments = ("--effort", "fast", "--checks", "1", "--views", "2", "--guides", "none", "--stages", "1")
     result = fecosplat("encode", photographs, "-o", tmp_path / "a.fcs", *arguments)
     on = r"measured on one photograph that was not used, view_\d\.png"
     of_new = rf"^  new views: {{13}} \d+\.\d\d dB, PSNR of new views, {on}$"
     assert re.search(of_new, result.err, re.MULTILINE)
-    assert re.search(
-        r"; of the others, 1 measures new views, 1 is not used \(--guides is none: view_\d\.png\)\.\n", result.err
-    )
-    fields = json.loads(fecosplat("encode", photographs, "-o", tmp_path / "b.fcs", *arguments, "--json").out)
-    (check,) = fields["check_views"]
-    assert fields["new_view_psnr"] == check["psnr"] and fields["guide_views"] == []
-    assert f"{check['psnr']:.2f} dB, PSNR of new views" in result.err
+    coded = r"note: coded views: view_\d\.png, view_\d\.png; of the others, 1 measures new views, 1 is not used"
+    assert re.search(rf"{coded} \(--guides is none: view_\d\.png\)\.\n", result.err)
 
 
 @pytest.mark.parametrize(
@@ -110,16 +98,14 @@ def test_decode_writes_what_the_library_returns(fecosplat, coded_scene: Path, tm
 def test_a_ply_has_degree_3_with_zeros_unless_another_is_asked_for(fecosplat, coded_scene: Path, output: Path) -> None:
     """Loaders that follow the 3DGS reference refuse any number of f_rest but 45."""
     found, means = {}, set()
-    for name, options in (("default", ()), *((degree, ("--sh-degree", degree)) for degree in "0123")):
+    for name, options in (("default", ()), *((degree, ("--sh-degree", degree)) for degree in "02")):
         assert fecosplat("decode", coded_scene, "-o", output / f"{name}.ply", *options).code == 0
         found[name] = gsply.plyread(str(output / f"{name}.ply")).shN
         means.add(fecocodec.read_ply(output / f"{name}.ply").means.numpy().tobytes())
         assert (output / f"{name}.ply").read_bytes().count(b"float f_rest_") == 3 * found[name].shape[1]
-    assert {name: rest.shape[1] for name, rest in found.items()} == {"default": 15, "0": 0, "1": 3, "2": 8, "3": 15}
-    assert (output / "default.ply").read_bytes() == (output / "3.ply").read_bytes()
-    assert found["1"].any() and len(means) == 1
-    for degree in "23":
-        assert np.array_equal(found[degree][:, :3], found["1"]) and not found[degree][:, 3:].any()
+    assert {name: rest.shape[1] for name, rest in found.items()} == {"default": 15, "0": 0, "2": 8}
+    assert np.array_equal(found["default"][:, :8], found["2"]) and not found["default"][:, 3:].any()
+    assert found["2"].any() and len(means) == 1
     assert fecosplat("decode", coded_scene, "-o", output / "default.ply", "--sh-degree", "4", "--overwrite").code == 2
 
 
@@ -134,18 +120,7 @@ def test_cameras_in_another_frame_than_the_gaussians_are_said(fecosplat, coded_s
         f"{output / 'cameras.json'} the frame input; --frame upright or --frame input writes both in one."
     ]
     assert notes("scene.ply") == []
-    assert notes("scene.glb", "--frame", "upright") == notes("scene.glb", "--frame", "input") == []
-
-
-@pytest.mark.parametrize("ending", ["spz", "compressed.ply", "glb", "sog"])
-def test_other_formats_keep_the_degree_of_the_model(fecosplat, coded_scene: Path, output: Path, ending: str) -> None:
-    """Zeros are written where they are asked for, also in formats whose axes differ."""
-    sizes = []
-    for options in ((), ("--sh-degree", "1"), ("--sh-degree", "3")):
-        file = output / f"{len(sizes)}.{ending}"
-        assert fecosplat("decode", coded_scene, "-o", file, *options, "--frame", "first-camera").code == 0
-        sizes.append(file.stat().st_size)
-    assert sizes[0] == sizes[1] < sizes[2]
+    assert notes("scene.glb", "--frame", "upright") == []
 
 
 def test_render_writes_colour_and_depth_at_the_coded_cameras(fecosplat, coded_scene: Path, tmp_path: Path) -> None:
@@ -158,27 +133,6 @@ def test_render_writes_colour_and_depth_at_the_coded_cameras(fecosplat, coded_sc
     assert OpenEXR.File(str(tmp_path / "images" / "wall_01.exr")).channels()["Z"].pixels.shape == (64, 96)
     in_png = read_image(tmp_path / "images" / "wall_01.png")
     torch.testing.assert_close(in_png, image.colour, rtol=0, atol=0.003)
-
-
-def test_render_of_a_ply_takes_cameras(fecosplat, coded_scene: Path, photographs: Path, tmp_path: Path) -> None:
-    ply, image = tmp_path / "wall.ply", tmp_path / "view.png"
-    assert fecosplat("decode", coded_scene, "-o", ply).code == 0
-    arguments = ("--cameras", photographs, "--views", "1", "--size", "64x80")
-    assert fecosplat("render", ply, "-o", image, *arguments, "--background", "white").code == 0
-    assert read_image(image).shape == (3, 80, 64)
-
-
-def test_render_keeps_views_apart_that_are_called_alike(fecosplat, coded_scene, photographs, tmp_path) -> None:
-    scene = json.loads((photographs / "transforms.json").read_text())
-    for frame, side in zip(scene["frames"], ("left", "right"), strict=False):
-        (tmp_path / side).mkdir()
-        (tmp_path / side / "a.png").write_bytes((photographs / frame["file_path"]).read_bytes())
-        frame["file_path"] = f"{side}/a.png"
-    (tmp_path / "transforms.json").write_text(json.dumps(scene))
-    result = fecosplat("render", coded_scene, "-o", tmp_path / "out", "--cameras", tmp_path, "--views", "0,1")
-    assert result.code == 0
-    written = sorted(file.name for file in (tmp_path / "out").iterdir())
-    assert written == ["wall_00_a.exr", "wall_00_a.png", "wall_01_a.exr", "wall_01_a.png"]
 
 
 def test_outputs_that_render_refuses(fecosplat, stream_file: Path, tmp_path: Path) -> None:

@@ -60,6 +60,10 @@ def test_sizes_quality_and_detail_are_said(stream_bytes: bytes, capsys: pytest.C
     quality = (DecodedQuality((20.0, 22.0, 21.0)),)
     say_result("scene.fcs", report(("a.png", "b.png", "c.png"), quality), summary)
     assert f"   21.00 dB ({detail / 1024:.2f} KiB of it detail)\n" in capsys.readouterr().err
+    say_result(
+        "scene.fcs", report(("a.png",), (DecodedQuality((20.0,)), DecodedQuality((25.0,)))), inspect(stream_bytes)
+    )
+    assert "25.00 dB, PSNR of the coded view of 448x256 as decoded\n" in capsys.readouterr().err
     checks = OtherViews(("c.png",), DecodedQuality((24.0,)))
     summary, found = inspect(stream_bytes), report(("a.png", "b.png"), QUALITY, checks=checks, is_fitted=True)
     say_result("scene.fcs", found, summary)

@@ -29,11 +29,11 @@ def test_cameras_need_no_photographs(fecosplat, ply: Path, photographs: Path, tm
     (tmp_path / "cameras").mkdir()
     (tmp_path / "cameras" / "transforms.json").write_bytes((photographs / "transforms.json").read_bytes())
     with_photographs, without = tmp_path / "a.png", tmp_path / "b.png"
-    options = ("--views", "view_2", "--background", "white")
+    options = ("--views", "view_2", "--background", "white", "--size", "64x80")
     assert fecosplat("render", ply, "-o", with_photographs, "--cameras", photographs, *options).code == 0
     assert fecosplat("render", ply, "-o", without, "--cameras", tmp_path / "cameras", *options).code == 0
     image = read_image(without)
-    assert torch.equal(image, read_image(with_photographs)) and image.shape == (3, 64, 96)
+    assert torch.equal(image, read_image(with_photographs)) and image.shape == (3, 80, 64)
     assert image.std() > 0.1  # the wall, not the background
 
 

@@ -68,6 +68,7 @@ def test_nothing_is_read_where_nothing_is_chosen(wrong: Path) -> None:
     assert with_fitting_cameras(four, "leave-out") == (four, None)
 
 
+@pytest.mark.usefixtures("uncoded")
 def test_as_many_photographs_are_chosen_as_with_right_cameras(wrong, views, tmp_path, random_weights) -> None:
     write_views(tmp_path / "scene", views)
     options = EncodingOptions(effort="fast", num_stages=1, is_measured=False, num_checks=0)

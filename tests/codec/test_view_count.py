@@ -38,7 +38,7 @@ def test_views_are_added_while_they_show_more() -> None:
     assert 0.6 < shares[0] < 0.7 and 0.9 < shares[1] < 1.0 and shares[2] == 1.0
 
 
-def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path) -> None:
+def test_a_wall_takes_fewer_views_than_a_walk(tmp_path: Path, uncoded: None) -> None:
     write_views(tmp_path / "wall", room([(0.04 * step, 0.0, -1.5) for step in range(8)]))
     write_views(tmp_path / "walk", room([(0.45 * step - 1.6, 0.1 * step, -1.5) for step in range(8)]))
     wall, walk = (encode_folder(tmp_path / name, OPTIONS) for name in ("wall", "walk"))

@@ -242,10 +242,23 @@ def test_harmonics_above_degree_2_turn_only_if_they_are_zero():
         in_frame("first-camera", some_gaussians(count=50, d_sh=16), cameras)
 
 
-def test_saved_cameras_follow_the_frame_that_was_asked_for_and_not_that_of_the_format(tmp_path):
-    gaussians, cameras = some_gaussians(10), tilted_cameras(np.diag([-1.0, -1.0, 1.0]))
+def decoded_scene(cameras: CameraArrays) -> SimpleNamespace:
     fields = (cameras.extrinsics, cameras.intrinsics, cameras.near, cameras.far)
-    decoded = SimpleNamespace(gaussians=gaussians, cameras=SimpleNamespace(fields=lambda: fields), image_size=(96, 128))
+    of_cameras = SimpleNamespace(fields=lambda: fields)
+    return SimpleNamespace(gaussians=some_gaussians(10), cameras=of_cameras, image_size=(96, 128))
+
+
+@pytest.mark.parametrize("ending", ["spz", "compressed.ply", "glb", "sog"])
+def test_other_formats_than_ply_keep_the_degree_of_the_model(ending):
+    """Zeros are written where they are asked for, also in formats whose axes differ."""
+    decoded, path = decoded_scene(some_cameras()), Path(f"a.{ending}")
+    sizes = [len(decoded_file(decoded, path, frame="first-camera", sh_degree=of).data) for of in (None, 1, 3)]
+    assert sizes[0] == sizes[1] < sizes[2]
+
+
+def test_saved_cameras_follow_the_frame_that_was_asked_for_and_not_that_of_the_format(tmp_path):
+    cameras = tilted_cameras(np.diag([-1.0, -1.0, 1.0]))
+    decoded = decoded_scene(cameras)
     ply, glb, level, as_input = (
         decoded_file(decoded, tmp_path / name, frame=frame)
         for name, frame in (("a.ply", None), ("a.glb", None), ("b.glb", "upright"), ("c.glb", "input"))
