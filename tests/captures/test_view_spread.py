@@ -144,6 +144,11 @@ def test_by_index_and_by_name():
             "scene: no view is called c (the first is a.png); give indices or names, with commas between them, in "
             "`views`.",
         ),
+        (
+            ("9" * 5000,),
+            f"scene: no view is called {'9' * 80} (the first is a.png); give indices or names, with commas between "
+            "them, in `views`.",
+        ),
         (("b",), "scene: 2 views are called b; give more of its path, or an index, in `views`."),
         ((0, "a"), "scene: view a.png is chosen twice; name each view once in `views`."),
         ((), "scene: 0 views chosen, but 1 to 16 can be used; change `views`."),

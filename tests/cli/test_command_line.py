@@ -132,16 +132,6 @@ def test_stream_that_is_a_folder_is_one_sentence(fecosplat, tmp_path: Path) -> N
     assert (result.code, result.err) == (1, f"fecosplat: {tmp_path}: is a folder; give a .fcs file.\n")
 
 
-def test_failed_overwrite_keeps_the_old_output(fecosplat, tmp_path: Path) -> None:
-    output = tmp_path / "result.fcs"
-    output.write_text("precious")
-    result = fecosplat("encode", tmp_path / "no such folder", "-o", output, "--overwrite")
-    assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {tmp_path / 'no such folder'}: no such folder")
-    assert output.read_text() == "precious"
-    assert list(tmp_path.iterdir()) == [output]
-
-
 def test_missing_device_is_one_sentence(fecosplat, tmp_path: Path) -> None:
     result = fecosplat("encode", tmp_path, "-o", tmp_path / "a.fcs", "--device", "cuda:99")
     assert result.code == 1

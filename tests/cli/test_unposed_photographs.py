@@ -159,15 +159,6 @@ def test_videos_beside_photographs_and_cameras_in_the_folder_above_are_named(fec
     assert f"{warning}the folder {scene}.\n" in result.err
 
 
-def test_a_video_that_cannot_be_read_is_one_sentence(fecosplat, tmp_path: Path) -> None:
-    pytest.importorskip("av")
-    (tmp_path / "clip.mp4").write_bytes(bytes(1000))
-    result = fecosplat("encode", tmp_path / "clip.mp4", "-o", tmp_path / "a.fcs")
-    assert result.code == 1
-    assert result.err.startswith(f"fecosplat: {tmp_path / 'clip.mp4'}: the video cannot be read")
-    assert not (tmp_path / "a.fcs").exists()
-
-
 def test_a_batch_records_estimated_cameras_as_a_note_and_their_doubt_as_a_warning(
     fecosplat, networks, tmp_path, output
 ):

@@ -16,7 +16,6 @@ import pytest
 
 from cli.view import PageServer
 from fecocodec.errors import OutputError
-from fecocodec.splat_files.html_page import scene_page
 from tests.vectors.tiny_model import VECTORS
 
 CONTENTS = {"index.html": b"<html>", "scene/a b.fcs": b"\x89FCS"}
@@ -68,11 +67,6 @@ def test_other_host_names_are_served_where_the_host_says_so() -> None:
 def test_an_address_that_cannot_be_listened_at_is_one_sentence(host: str) -> None:
     with PageServer(CONTENTS) as server, pytest.raises(OutputError, match=f"^{host}:.* cannot be listened at"):
         PageServer(CONTENTS, host, server.server_port)
-
-
-def test_a_missing_page_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"scene.html: the viewer page is missing; install again, or run `make web`"):
-        scene_page(tmp_path)
 
 
 def test_the_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:

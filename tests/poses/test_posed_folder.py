@@ -81,10 +81,7 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
     truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
     known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
     found = np.linalg.inv(cameras.extrinsics[0].numpy()) @ cameras.extrinsics[1].numpy()
-    cosine = (np.trace(known[:3, :3].T @ found[:3, :3]) - 1) / 2
-    assert np.degrees(np.arccos(min(1, cosine))) < 2
-    directions = [pose[:3, 3] / np.linalg.norm(pose[:3, 3]) for pose in (known, found)]
-    assert np.degrees(np.arccos(directions[0] @ directions[1])) < 10
+    assert rotation_angle(known[:3, :3].T @ found[:3, :3]) < 2 and angle_between(known[:3, 3], found[:3, 3]) < 10
     saved = read_transforms_json(tmp_path / "transforms.json")
     assert [photograph.path.resolve() for photograph in saved.photographs] == [
         (tmp_path / "photos" / path.name).resolve() for path in sorted(PHOTOGRAPHS)

@@ -20,10 +20,11 @@ def content_of(page: str, name: str) -> str:
 
 
 def test_the_page_holds_the_scene() -> None:
-    gaussians, cameras = some_gaussians(100), some_cameras()
-    page = file_bytes(OutputScene(gaussians, cameras, "</script><b>", "scene.html")).decode("utf-8")
+    """A name can neither end a script nor look like the mark of another part."""
+    gaussians, cameras, name = some_gaussians(100), some_cameras(), "</script><b>\x1b/*GAUSSIANS*/<!--"
+    page = file_bytes(OutputScene(gaussians, cameras, name, "scene.html")).decode("utf-8")
     scene = json.loads(content_of(page, "scene"))
-    assert scene["name"] == "</script><b>"
+    assert scene["name"] == name and "\x1b" not in page
     assert scene["count"] == gaussians.count
     assert (scene["height"], scene["width"]) == cameras.image_size
     assert [view["centre"] for view in scene["cameras"]["views"]] == cameras.extrinsics[:, :3, 3].tolist()

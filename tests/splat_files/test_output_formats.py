@@ -67,15 +67,8 @@ def matched(sent: OutputGaussians, received: OutputGaussians) -> OutputGaussians
 
 
 def covariances(gaussians: OutputGaussians) -> np.ndarray:
-    w, x, y, z = (gaussians.rotations / np.linalg.norm(gaussians.rotations, axis=1, keepdims=True)).T
-    axes = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return np.einsum("ikn,nk,jkn->nij", axes, gaussians.scales**2, axes)
+    axes = Rotation.from_quat(gaussians.rotations[:, [1, 2, 3, 0]]).as_matrix()
+    return np.einsum("nik,nk,njk->nij", axes, gaussians.scales**2, axes)
 
 
 def assert_alike(sent: OutputGaussians, received: OutputGaussians, harmonics: float, shape: float) -> None:
