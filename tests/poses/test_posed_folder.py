@@ -28,7 +28,6 @@ from fecocodec.poses.estimated_cameras import (
     pose_difference,
     rotation_angle,
 )
-from fecocodec.poses.pose_estimation import reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.posed_folder import _left_out, _obstacle, _of_photograph, posed_folder
 from fecocodec.poses.pycolmap_matching import read_points
@@ -105,13 +104,13 @@ def test_a_given_focal_length_of_two_photographs_is_kept_and_settles_depth(tmp_p
         assert angle_between(known[:3, 3], pose[:3, 3]) < 1
 
 
-def test_a_given_focal_length_is_in_pixels_of_the_photographs(tmp_path):
-    for number, size in enumerate(((2000, 1000), (1000, 2000))):
-        noise = np.random.default_rng(number).integers(0, 256, (10, 10, 3), dtype=np.uint8)
-        Image.fromarray(noise).resize(size).save(tmp_path / f"{number}.png")
+def test_a_given_focal_length_is_in_pixels_of_the_photographs(tmp_path, monkeypatch):
+    monkeypatch.setattr("fecocodec.poses.unposed_photographs.MAX_SIDE_PX", 160)
+    for number, size in enumerate(((200, 100), (100, 200))):
+        noise(number, size).save(tmp_path / f"{number}.png")
     (tmp_path / "copies").mkdir()
-    groups, _ = upright_copies(sorted(tmp_path.glob("*.png")), tmp_path / "copies", 1500.0)
-    assert [(group.focal_px, group.is_fixed) for group in groups] == [(1200.0, True)] * 2  # copies of 1600 pixels
+    groups, _ = upright_copies(sorted(tmp_path.glob("*.png")), tmp_path / "copies", 150.0)
+    assert [(group.focal_px, group.is_fixed) for group in groups] == [(120.0, True)] * 2
 
 
 def refusal(folder: Path, focal_px: float | None = None) -> str:
@@ -193,28 +192,22 @@ def test_photographs_are_numbered_in_their_order_with_several_threads(tmp_path):
     names = tuple(f"{number}.png" for number in range(6))
     for number, name in enumerate(names):
         Image.fromarray(image if number % 3 == 0 else np.full_like(image, 40 * number)).save(tmp_path / name)
-    (tmp_path / "work").mkdir()
-    reconstruct(tmp_path, [ImageGroup(names, 400.0, is_known=False)], tmp_path / "work", num_threads=4)
-    with pycolmap.Database.open(tmp_path / "work" / "database.db") as database:
+    pycolmap.Database.open(tmp_path / "database.db").close()
+    groups = [ImageGroup(names, 400.0, is_known=False)]
+    pycolmap_matching.extract_features(pycolmap, tmp_path / "database.db", tmp_path, groups, num_threads=4)
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
         numbers = {entry.name: entry.image_id for entry in database.read_all_images()}
     assert sorted(numbers, key=numbers.__getitem__) == list(names)
 
 
-@pytest.mark.parametrize("mode", ["I;16", "L"])
-def test_features_are_found_in_grey_photographs_of_16_bits(tmp_path, mode):
+@pytest.mark.parametrize("kind", [np.uint16, np.uint8])
+def test_copies_of_grey_photographs_of_16_bits_have_their_levels(tmp_path, kind):
     pytest.importorskip("imagecodecs")
-    (tmp_path / "photos").mkdir()
-    for path in PHOTOGRAPHS:
-        grey = np.asarray(Image.open(path).convert("L"))
-        stored = Image.fromarray(grey.astype(np.uint16) * 257 if mode == "I;16" else grey)
-        assert stored.mode == mode
-        stored.save(tmp_path / "photos" / f"{path.stem}.png")
     (tmp_path / "copies").mkdir()
-    upright_copies(sorted((tmp_path / "photos").iterdir()), tmp_path / "copies")
-    for path in PHOTOGRAPHS:
-        copied = np.asarray(Image.open(tmp_path / "copies" / f"{path.stem}.png"))
-        grey = np.asarray(Image.open(path).convert("L"))
-        assert copied.shape == (*grey.shape, 3) and int(np.abs(copied[..., 1].astype(int) - grey).max()) == 0
+    grey = np.asarray(Image.open(PHOTOGRAPHS[0]).convert("L"))
+    Image.fromarray(grey.astype(kind) * kind(257 if kind is np.uint16 else 1)).save(tmp_path / "grey.png")
+    upright_copies([tmp_path / "grey.png"], tmp_path / "copies")
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "copies" / "grey.png")), np.stack([grey] * 3, axis=2))
 
 
 @pytest.mark.usefixtures("estimated_once")
@@ -464,18 +457,18 @@ def test_why_nothing_is_estimated_is_said(matches: dict[tuple[str, str], int], r
 
 
 def test_features_under_masks_are_not_used(tmp_path):
-    paths = copies(tmp_path / "photos")
+    paths = copies(tmp_path / "photos", reduction=2)
     width, height = Image.open(paths[0]).size
     mask = Image.new("L", (width, height), 255)
     mask.paste(0, (0, 0, width // 3, height))
     (tmp_path / "photos" / "masks").mkdir()
     mask.save(tmp_path / "photos" / "masks" / paths[0].name)
-    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=515.6) as posed:
+    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=257.8) as posed:
         keypoints = keypoints_of(posed.path)
         ignored = read_views(posed.path).ignored
     assert ignored is not None and ignored[0, :, : width // 3].all() and not ignored[1].any()
     assert keypoints[paths[0].name].min() > width / 3 - 1 > keypoints[paths[1].name].min()
-    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=515.6, has_masks=False) as posed:
+    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=257.8, has_masks=False) as posed:
         assert keypoints_of(posed.path)[paths[0].name].min() < width / 4
         assert read_views(posed.path).ignored is None
 
