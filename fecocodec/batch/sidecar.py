@@ -116,9 +116,8 @@ class Outcome:
 def outcome_of(record: Record, *, is_new: bool) -> Outcome:
     """Return the outcome that a sidecar records. is_new: whether this run has written it."""
     status: OutcomeStatus = "skipped" if record.status == "done" and not is_new else record.status
-    is_made = record.status == "done"
-    num_bytes = record.num_bytes if is_made else None
-    return Outcome(record.scene, status, record.output, num_bytes, record.seconds, len(record.warnings), record.error)
+    num_warnings = len(record.warnings)
+    return Outcome(record.scene, status, record.output, record.num_bytes, record.seconds, num_warnings, record.error)
 
 
 def as_tsv(outcomes: Iterable[Outcome]) -> str:

@@ -22,7 +22,6 @@ from fecocodec.captures.reading_notes import omission_notes, passed_over_notes, 
 from fecocodec.captures.view_choice import choose_views, is_usable, no_view, view_indices
 from fecocodec.captures.view_selection import All, Guides, Selection, Spread
 from fecocodec.captures.view_spread import (
-    Overlap,
     k_centres,
     overlapping_views,
     overlaps_among,
@@ -149,7 +148,11 @@ def _roles(
         reached = with_neighbours(overlap, usable) or usable
         shaped = _of_one_shape(pinholes, reached, options.size)
         misshapen = set(usable) - set(_of_one_shape(pinholes, usable, options.size))
-        context = _covering(overlap, usable, shaped, views, lambda order: decide(order, [*reached, *taught]))
+        if isinstance(views, Spread):  # of one shape, if they are enough
+            enough = shaped if len(shaped) >= views.count else usable
+            context = sorted(k_centres(overlap, [], enough, views.count))
+        else:
+            context = sorted(decide(k_centres(overlap, [], shaped, MAX_VIEWS), [*reached, *taught]))
     if not isinstance(guides, tuple):
         others = [index for index in usable if index not in context]
         taught = chosen_guides(overlap, baseline, context, others, guides)
@@ -192,23 +195,6 @@ def _unguided(
     if views is None and len(rest) < LEAST_FOR_CHOICE:
         return rest
     return sorted(decide([rest[index] for index in overlapping_views(within, MAX_VIEWS)], rest))
-
-
-def _covering(
-    overlap: Overlap,
-    usable: list[int],
-    shaped: list[int],
-    views: Selection | None,
-    decide: Callable[[list[int]], list[int]],
-) -> list[int]:
-    """Return what is coded where others guide: photographs as far apart as they are, so that they cover all.
-
-    shaped: those of one shape that overlap with others, which are coded if they are enough.
-    """
-    if isinstance(views, Spread):
-        enough = shaped if len(shaped) >= views.count else usable
-        return sorted(k_centres(overlap, [], enough, views.count))
-    return sorted(decide(k_centres(overlap, [], shaped, MAX_VIEWS)))
 
 
 def usable_cameras(photographs: list[PosedPhotograph], indices: list[int]) -> tuple[dict[int, Lens], dict[int, str]]:

@@ -3,8 +3,6 @@
 Merging runs after the normative decoding process: `grouping` finds groups, `moment_matching` replaces them.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Bool, Float32
 
@@ -75,17 +73,13 @@ def merged_fields(
     both even. is_present: False for those to drop, which may have any values. extrinsics: camera-to-world, in the
     frame of the Gaussians. intrinsics: normalised. A merged Gaussian takes the place of one of its members.
     """
-    views = _of_views((*fields, is_present), len(extrinsics))
+    views = zip(*(np.split(array, len(extrinsics)) for array in (*fields, is_present)), strict=True)
     densities = grid[0] * grid[1] * intrinsics[:, 0, 0] * intrinsics[:, 1, 1]
     merged = [
         _merged_view(of_view[:-1], of_view[-1], grid, pose[:3, 3], density, config)
         for of_view, pose, density in zip(views, extrinsics, densities, strict=True)
     ]
     return tuple(map(np.concatenate, zip(*merged, strict=True)))
-
-
-def _of_views(arrays: Fields, num_views: int) -> Iterator[Fields]:
-    return zip(*(np.split(array, num_views) for array in arrays), strict=True)
 
 
 def _merged_view(

@@ -22,7 +22,7 @@ _NUM_DIRECTIONS = 16
 _MOST_EVALUATIONS = 60
 _FOCAL_STEPS = ((0.9, 0.8, 0.7, 0.6, 0.5), (1.1, 1.25, 1.4, 1.6, 2.0))  # away from the fitted focal length
 _MOST_RESTARTS = 3
-_MOST_ZOOM = 4.0  # of the initial focal length, and its inverse
+_MOST_LOG_ZOOM = np.log(4.0)  # of the initial focal length, in both directions
 _SAME_ROTATION = 5.0  # degrees; starts that differ by less share their starting directions
 
 Points = Float[np.ndarray, "match 2"]
@@ -123,12 +123,11 @@ def fit_two_views(matches: TwoViewMatches, starts: list[TwoViewFit]) -> list[Two
     for number, start in enumerate(starts):
         found += _fits(matches, start, weight)
         if all(rotation_angle(start.rotation.T @ other.rotation) > _SAME_ROTATION for other in starts[:number]):
-            for direction in _hemisphere(_NUM_DIRECTIONS):
+            for direction in _hemisphere():
                 found += _fits(matches, TwoViewFit(start.rotation, direction, 1.0, 0.0), weight)
     best = min(found, key=matches.penalised)
-    for _ in range(
-        0 if matches.is_focal_fixed else _MOST_RESTARTS
-    ):  # the valley along the focal length is curved, and a fit can stop in it
+    # The valley along the focal length is curved, and a fit can stop in it.
+    for _ in range(0 if matches.is_focal_fixed else _MOST_RESTARTS):
         other = min(vary_focal_length(matches, best).values(), key=matches.penalised)
         if matches.penalised(other) > 0.999 * matches.penalised(best):
             break
@@ -154,7 +153,9 @@ def _fits(matches: TwoViewMatches, start: TwoViewFit, prior_weight: float | None
 
     def unpack(steps: Float[np.ndarray, " step"]) -> tuple[Rotations, Direction, float]:
         direction = start.direction + steps[3:5] @ tangents
-        zoom = start.zoom if prior_weight is None else _limited(start.zoom, steps[5])
+        zoom = start.zoom
+        if prior_weight is not None:
+            zoom = float(np.exp(np.clip(np.log(zoom) + steps[5], -_MOST_LOG_ZOOM, _MOST_LOG_ZOOM)))
         rotation = Rotation.from_rotvec(steps[:3]).as_matrix() @ start.rotation
         return rotation, direction / np.linalg.norm(direction), zoom
 
@@ -174,11 +175,6 @@ def _fits(matches: TwoViewMatches, start: TwoViewFit, prior_weight: float | None
     return [matches.with_cost(rotation, sign * direction, zoom) for sign in (1, -1)]
 
 
-def _limited(zoom: float, logarithm: float) -> float:
-    """Return zoom * exp(logarithm), between 1 / _MOST_ZOOM and _MOST_ZOOM."""
-    return float(np.exp(np.clip(np.log(zoom) + logarithm, -np.log(_MOST_ZOOM), np.log(_MOST_ZOOM))))
-
-
 def _robust_but_for_the_last(squared: Float[np.ndarray, " residual"]) -> Float[np.ndarray, "3 residual"]:
     """Return the Cauchy loss and its derivatives; the last residual, the prior, has a quadratic loss."""
     loss = np.stack((np.log1p(squared), 1 / (1 + squared), -1 / (1 + squared) ** 2))
@@ -186,9 +182,9 @@ def _robust_but_for_the_last(squared: Float[np.ndarray, " residual"]) -> Float[n
     return loss
 
 
-def _hemisphere(count: int) -> Float[np.ndarray, "count 3"]:
+def _hemisphere() -> Float[np.ndarray, "direction 3"]:
     """Return unit vectors that are evenly spread over the half sphere z > 0 (a spiral of golden angles)."""
-    index = np.arange(count) + 0.5
-    z = index / count
+    index = np.arange(_NUM_DIRECTIONS) + 0.5
+    z = index / _NUM_DIRECTIONS
     angle, radius = np.pi * (1 + np.sqrt(5)) * index, np.sqrt(1 - z**2)
     return np.stack((radius * np.cos(angle), radius * np.sin(angle), z), axis=1)

@@ -25,12 +25,7 @@ from fecocodec.photographs.image_headers import (
 )
 from fecocodec.photographs.lens import require_known_model
 from fecocodec.photographs.orientation import turned_upright
-from fecocodec.photographs.pillow_images import (
-    exif_value,
-    open_image,
-    orientation_with_pillow,
-    upright_with_pillow,
-)
+from fecocodec.photographs.pillow_images import exif_value, open_image, orientation_with_pillow, upright_with_pillow
 from fecocodec.poses.estimated_cameras import ImageGroup
 
 MAX_PHOTOGRAPHS = 200
@@ -47,7 +42,10 @@ def find_photographs(folder: Path) -> list[Path]:
 
     Maps of other images (`maps_among`) are left out.
     """
-    found = [sorted(set(files) - maps_among(files)) for files in _images_by_place(folder)]
+    found = []
+    for place in _places(folder):
+        files = [path for path in place.iterdir() if has_image_name(path) and path.is_file()]
+        found.append(sorted(set(files) - maps_among(files)))
     return max(found, key=len, default=[])
 
 
@@ -71,10 +69,6 @@ def absent_photographs(folder: Path) -> list[Path]:
 
 def _places(folder: Path) -> list[Path]:
     return [place for place in (folder, *(folder / name for name in PHOTOGRAPH_FOLDERS)) if place.is_dir()]
-
-
-def _images_by_place(folder: Path) -> list[list[Path]]:
-    return [[path for path in place.iterdir() if has_image_name(path) and path.is_file()] for place in _places(folder)]
 
 
 def unread_photographs(folder: Path, is_kind: Callable[[Path], bool] = is_unread) -> list[Path]:
