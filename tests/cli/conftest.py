@@ -84,14 +84,6 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first two photographs, encoded with the shipped weights."""
-    file = tmp_path_factory.mktemp("coded") / "wall.fcs"
-    assert run(["encode", str(photographs), "-o", str(file), "--views", "0,1"]) == 0
-    return file
-
-
 @pytest.fixture
 def networks(random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands work with untrained networks instead of the shipped ones."""

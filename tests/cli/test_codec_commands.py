@@ -9,11 +9,20 @@ import numpy as np
 import OpenEXR
 import pytest
 import torch
+from fecosplat_cli.main import run
 
 import fecocodec
 from fecocodec.container import inspect
 from fecocodec.photographs.exr import read_exr
 from fecocodec.photographs.images import read_image
+
+
+@pytest.fixture(scope="module")
+def coded_scene(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first two photographs, encoded with the shipped weights."""
+    file = tmp_path_factory.mktemp("coded") / "wall.fcs"
+    assert run(["encode", str(photographs), "-o", str(file), "--views", "0,1"]) == 0
+    return file
 
 
 def test_encode_writes_what_the_library_returns(coded_scene: Path, photographs: Path) -> None:

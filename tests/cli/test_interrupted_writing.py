@@ -1,10 +1,10 @@
 """Killed, refused by the disk, or asked to replace the input: no file is damaged and none is lost."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -56,26 +56,6 @@ def test_an_interrupted_command_leaves_nothing(fecosplat, wall_file, output, mon
     assert result.code == 130 and list(output.iterdir()) == []
 
 
-@pytest.fixture
-def read_only(output: Path) -> Iterator[Path]:
-    """A folder that takes no new files; for root, who may write anywhere else, one that the kernel keeps."""
-    if os.geteuid() == 0:
-        yield Path("/sys")
-        return
-    output.chmod(0o500)
-    yield output
-    output.chmod(0o700)
-
-
-@pytest.mark.parametrize("command", ["encode", "decode"])
-def test_a_read_only_folder(fecosplat, photographs, wall_file, output, read_only, command) -> None:
-    options = ("--views", "0,1", "--stages", "1", "--effort", "fast") if command == "encode" else ()
-    source = photographs if command == "encode" else wall_file
-    target = read_only / ("a.fcs" if command == "encode" else "a.ply")
-    result = fecosplat(command, source, "-o", target, *options)
-    assert_refused(result, output, f"{target}: no file can be made in {read_only} (...")
-
-
 def test_decoding_into_the_input_is_refused(fecosplat, wall: bytes, wall_file: Path, output: Path) -> None:
     link = wall_file.with_name("link.fcs")
     link.symlink_to(wall_file)
@@ -85,22 +65,17 @@ def test_decoding_into_the_input_is_refused(fecosplat, wall: bytes, wall_file: P
     assert wall_file.read_bytes() == wall
 
 
-@pytest.mark.parametrize("name", ["view_0.png", "transforms.json"])
-def test_encoding_into_a_photograph_is_refused(fecosplat, photographs: Path, output: Path, name: str) -> None:
-    before = (photographs / name).read_bytes()
-    result = fecosplat("encode", photographs, "-o", photographs / name, "--overwrite")
-    assert_refused(
-        result, output, f"{photographs / name}: this is the input, or part of it; choose another output path."
-    )
-    assert (photographs / name).read_bytes() == before
+def test_encoding_into_a_photograph_is_refused(fecosplat, photographs: Path, output: Path) -> None:
+    target = photographs / "view_0.png"
+    before = target.read_bytes()
+    result = fecosplat("encode", photographs, "-o", target, "--overwrite")
+    assert_refused(result, output, f"{target}: this is the input, or part of it; choose another output path.")
+    assert target.read_bytes() == before
 
 
 @pytest.mark.usefixtures("networks")
 def test_an_older_stream_among_the_photographs_may_be_replaced(fecosplat, photographs, wall, tmp_path, output) -> None:
-    folder = tmp_path / "photographs"
-    folder.mkdir()
-    for file in photographs.iterdir():
-        (folder / file.name).write_bytes(file.read_bytes())
+    folder = shutil.copytree(photographs, tmp_path / "photographs")
     (folder / "a.fcs").write_bytes(b"old")
     arguments = ("--views", "0,1", "--stages", "1", "--effort", "fast", "--overwrite")
     assert fecosplat("encode", folder, "-o", folder / "a.fcs", *arguments).code == 0

@@ -15,28 +15,31 @@ from refusals import assert_refused
 from fecocodec.container import with_metadata
 from fecocodec.photographs.images import read_image
 from fecocodec.splat_files.ply import read_ply
+from tests.vectors.tiny_model import VECTORS
+
+SCENE = VECTORS / "valid" / "scene-compact-6.fcs"
 
 
-def test_output_paths_with_control_characters_are_shown_escaped(fecosplat, coded_scene: Path, output: Path) -> None:
+def test_output_paths_with_control_characters_are_shown_escaped(fecosplat, output: Path) -> None:
     for command, name in (("decode", "a\n\x1b[2Jb.ply"), ("render", "a\n\x1b[2Jb.png")):
-        result = fecosplat(command, coded_scene, "-o", output / name)
+        result = fecosplat(command, SCENE, "-o", output / name)
         assert result.code == 0 and (output / name).exists()
         assert result.err.count("\n") == 1 and f"{output}/a\\n\\x1b[2Jb.p" in result.err
 
 
 @pytest.mark.parametrize("command", ["encode", "render"])
 def test_standard_output_is_refused_where_it_is_not_meant(
-    fecosplat, photographs: Path, coded_scene: Path, output: Path, command: str, monkeypatch: pytest.MonkeyPatch
+    fecosplat, photographs: Path, output: Path, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(output)
-    result = fecosplat(command, photographs if command == "encode" else coded_scene, "-o", "-")
+    result = fecosplat(command, photographs if command == "encode" else SCENE, "-o", "-")
     assert_refused(result, output, "-: the result is not written to standard output; give the name of a file.")
 
 
-def test_decode_writes_to_standard_output(fecosplat, coded_scene: Path, output: Path) -> None:
-    command = [sys.executable, "-m", "fecosplat_cli", "decode", coded_scene, "-o"]
+def test_decode_writes_to_standard_output(fecosplat, output: Path) -> None:
+    command = [sys.executable, "-m", "fecosplat_cli", "decode", SCENE, "-o"]
     piped = subprocess.run([*command, "-"], capture_output=True, check=True)
-    assert fecosplat("decode", coded_scene, "-o", output / "a.ply").code == 0
+    assert fecosplat("decode", SCENE, "-o", output / "a.ply").code == 0
     assert piped.stdout == (output / "a.ply").read_bytes()
     assert read_ply(output / "a.ply").count > 0
     assert piped.stderr.startswith(b"-: ")
@@ -57,9 +60,9 @@ def test_decode_to_a_terminal_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a.webp"])
-def test_render_writes_one_picture(fecosplat, coded_scene: Path, photographs: Path, output: Path, name: str) -> None:
+def test_render_writes_one_picture(fecosplat, photographs: Path, output: Path, name: str) -> None:
     arguments = ("--cameras", photographs, "--views", "1,")
-    assert fecosplat("render", coded_scene, "-o", output / name, *arguments).code == 0
+    assert fecosplat("render", SCENE, "-o", output / name, *arguments).code == 0
     assert [path.name for path in output.iterdir()] == [name]
     assert read_image(output / name).shape == (3, 64, 96)
 
@@ -87,9 +90,9 @@ def test_title_and_author_of_a_stranger_reach_no_output(fecosplat, wall, tmp_pat
         assert (tmp_path / "named" / name).read_bytes() == (tmp_path / name).read_bytes()
 
 
-def test_a_process_without_a_console_decodes(coded_scene: Path, output: Path) -> None:
+def test_a_process_without_a_console_decodes(output: Path) -> None:
     """As of pythonw and daemons; the first files that are opened would take the places of closed streams."""
-    command = f'"{sys.executable}" -m fecosplat_cli decode "{coded_scene}" -o "{output / "a.ply"}" <&- >&- 2>&-'
+    command = f'"{sys.executable}" -m fecosplat_cli decode "{SCENE}" -o "{output / "a.ply"}" <&- >&- 2>&-'
     assert subprocess.run(command, shell=True).returncode == 0
     assert len(read_ply(output / "a.ply").means) > 0
 

@@ -58,6 +58,7 @@ def test_four_photographs_from_different_positions_are_not_warned_of(tmp_path):
         assert first.lens == second.lens and np.array_equal(first.camera_to_world, second.camera_to_world)
     wrong = 1.1 * FOCAL  # as the matches show
     with posed_folder(tmp_path, num_threads=1, focal_px=wrong) as posed:
+        assert "focal length 198 pixels for 240x180 (as given); the unit" in posed.notes[0]
         assert [camera.lens.fx for camera in posed.reconstruction.cameras] == pytest.approx([wrong] * 4, rel=1e-12)
 
 

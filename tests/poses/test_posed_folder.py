@@ -87,23 +87,6 @@ def test_the_cameras_of_the_example_are_found(tmp_path):
     ]
 
 
-def test_a_given_focal_length_of_two_photographs_is_kept_and_settles_depth(tmp_path):
-    copies(tmp_path / "photos")
-    truth = read_transforms_json(EXAMPLE / "transforms.json").photographs
-    focal_px = truth[0].lens_for(384, 256).fx
-    with posed_folder(tmp_path / "photos", num_threads=1, focal_px=focal_px) as posed:
-        first, second = posed.reconstruction.cameras
-        assert posed.warnings == ()
-        assert posed.notes[0].endswith(
-            "focal length 516 pixels for 384x256 (as given); the unit of length is arbitrary."
-        )
-        assert first.lens.fx == second.lens.fx == pytest.approx(focal_px, rel=1e-12)
-        pose = np.linalg.inv(first.camera_to_world) @ second.camera_to_world
-        known = np.linalg.inv(truth[0].camera_to_world) @ truth[1].camera_to_world
-        assert rotation_angle(known[:3, :3].T @ pose[:3, :3]) < 0.5
-        assert angle_between(known[:3, 3], pose[:3, 3]) < 1
-
-
 def test_a_given_focal_length_is_in_pixels_of_the_photographs(tmp_path, monkeypatch):
     monkeypatch.setattr("fecocodec.poses.unposed_photographs.MAX_SIDE_PX", 160)
     for number, size in enumerate(((200, 100), (100, 200))):

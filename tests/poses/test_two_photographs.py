@@ -38,10 +38,15 @@ def projections(cameras: tuple[EstimatedCamera, ...], noise_px: float = 0.2) -> 
 
 
 def estimated(
-    cameras: tuple[EstimatedCamera, ...], start: tuple[EstimatedCamera, ...], initial_px: float, *, known: bool = False
+    cameras: tuple[EstimatedCamera, ...],
+    start: tuple[EstimatedCamera, ...],
+    initial_px: float,
+    *,
+    known: bool = False,
+    fixed: bool = False,
 ) -> tuple[Reconstruction, list[str]]:
     """Return the reconstruction of the projections from an estimate, and the warnings."""
-    groups = [ImageGroup(("0", "1"), initial_px, is_known=known)]
+    groups = [ImageGroup(("0", "1"), initial_px, is_known=known, is_fixed=fixed)]
     found = reconstruct_pair(Reconstruction(start, 0.3, 8.0, {}, (0.0, 0.0)), [start], projections(cameras), groups)
     return found, reliability_warnings(found, groups, found.cameras[0].lens.fx)
 
@@ -71,6 +76,9 @@ def test_a_rectified_pair_does_not_determine_the_focal_length():
     assert "take a third and a fourth photograph from other positions" in warning
     low, high = found.ambiguity.zooms
     assert low <= 0.8 and high >= 1.6
+    given, warnings = estimated(truth, truth, FOCAL, fixed=True)
+    assert [one.lens.fx for one in given.cameras] == pytest.approx([FOCAL] * 2, rel=1e-12) and warnings == []
+    assert angle_between(given.cameras[1].camera_to_world[:3, 3], truth[1].camera_to_world[:3, 3]) < 1
 
 
 def test_exif_data_and_points_behind_a_camera_decide():
