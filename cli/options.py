@@ -154,39 +154,28 @@ metadata_options = with_options(
     click.option("--title", metavar="TEXT", help="Title of the scene, stored in the file."),
     click.option("--author", metavar="TEXT", help="Author of the photographs, stored in the file."),
     click.option(
-        "--licence",
-        metavar="TEXT",
-        help="Licence of the photographs, such as CC-BY-4.0, stored in the file.",
+        "--licence", metavar="TEXT", help="Licence of the photographs, such as CC-BY-4.0, stored in the file."
     ),
     click.option(
-        "--date",
-        callback=_parse_date,
-        metavar="YYYY-MM-DD",
-        help="Date of the photographs, stored in the file.",
+        "--date", callback=_parse_date, metavar="YYYY-MM-DD", help="Date of the photographs, stored in the file."
     ),
 )
 
 
 @parsed
 def parse_selection(value: str) -> Selection:
-    """Parse the text of `--views`; the library checks whether the views exist. A number without a comma is a count."""
-    if value.isdecimal() and len(value) <= LONGEST_NUMBER:
-        return Spread(int(value))
-    if value == "auto":
-        return Auto()
-    if value == "all":
-        return All()
-    return _names(value)
+    """Parse the text of `--views`; the library checks whether the views exist."""
+    if value in ("auto", "all"):
+        return Auto() if value == "auto" else All()
+    return _count_or_names(value)
 
 
 @parsed
 def parse_guides(value: str) -> Guides:
     """Parse the text of `--guides`: None for auto, () for none, else how many or names, as for `--views`."""
-    if value == "auto":
-        return None
-    if value.isdecimal() and len(value) <= LONGEST_NUMBER:
-        return Spread(int(value))
-    return () if value == "none" else _names(value)
+    if value in ("auto", "none"):
+        return None if value == "auto" else ()
+    return _count_or_names(value)
 
 
 @parsed
@@ -194,13 +183,18 @@ def parse_checks(value: str) -> int:
     """Parse the text of `--checks`: a number, or none."""
     if value == "none":
         return 0
-    if not value.isdecimal() or len(value) > 9:
+    if not value.isdecimal() or len(value) > LONGEST_NUMBER:
         raise ValueError(f"{value[:40]!r} is neither a number of photographs nor none.")
     return int(value)
 
 
-def _names(value: str) -> tuple[str, ...]:
-    """Return the names between commas; `\\,` is a comma in a name. A comma after the last one is allowed (`7,`)."""
+def _count_or_names(value: str) -> Spread | tuple[str, ...]:
+    """Return a number without a comma as a count, else the names between commas.
+
+    `\\,` is a comma in a name. A comma after the last one is allowed (`7,`).
+    """
+    if value.isdecimal() and len(value) <= LONGEST_NUMBER:
+        return Spread(int(value))
     parts = re.split(r"(?<!\\),", value)
     if len(parts) > 1 and not parts[-1]:
         parts.pop()
