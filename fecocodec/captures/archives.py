@@ -66,7 +66,9 @@ def unpacked(path: StrPath) -> Iterator[Path]:
         try:
             yield root
         except FecoError as error:
-            raise type(error)(of_archive(str(error), root, path)) from error
+            named = type(error)(of_archive(str(error), root, path))
+            vars(named).update(vars(error))
+            raise named from error
 
 
 def _unpack(path: Path, target: Path) -> None:

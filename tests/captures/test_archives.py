@@ -16,7 +16,7 @@ from fecocodec.captures import archives
 from fecocodec.captures.archives import unpacked
 from fecocodec.captures.render_cameras import read_render_cameras
 from fecocodec.captures.scene_folder import read_views
-from fecocodec.errors import InputError, OutputError
+from fecocodec.errors import InputError, OutputError, SizeError
 
 
 def pack(folder: Path, archive: Path, prefix: str = "") -> Path:
@@ -75,6 +75,9 @@ def test_errors_name_the_archive_and_what_is_to_be_unpacked(tmp_path: Path) -> N
     with pytest.raises(InputError) as refused:
         read_views(archive, near=1.0, far=9.0)
     assert str(refused.value).startswith(f"{archive}/images/001.png: the image is damaged")
+    with pytest.raises(SizeError, match=f"^{archive}: too large") as too_large, unpacked(archive) as root:
+        raise SizeError(f"{root}: too large.", 20.0)
+    assert too_large.value.kib == 20.0
 
 
 def test_archives_that_cannot_be_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
