@@ -67,7 +67,7 @@ LINES = {
 }
 
 
-@pytest.mark.parametrize("module", ["click", "numpy", "torch"])
+@pytest.mark.parametrize("module", ["click", "torch"])
 def test_ctrl_c_while_libraries_load_is_one_line(module: str, photographs: Path, output: Path) -> None:
     arguments = ["encode", photographs, "-o", output / "a.fcs"]
     command = [sys.executable, "-c", AT_IMPORT, str(int(signal.SIGINT)), module, *arguments]
