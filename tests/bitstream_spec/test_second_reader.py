@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fecocodec.container import Detail, PackedCameras, Stream, read_stream, write_stream
@@ -19,7 +19,7 @@ from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_i
 from tests.bitstream_spec.second_reader import READER, RECEIVER, SPECIFICATION, SYMBOL_READER
 from tests.bitstream_spec.second_reader import read_stream as second_reader
 from tests.container.example_streams import CAMERAS, COVERAGE, FADING, METADATA, sealed_section, streams
-from tests.container.faulty_streams import EXAMPLE, FAULTS, GOOD, Fault, deflated
+from tests.container.faulty_streams import EXAMPLE, GOOD, deflated
 
 read_stream_again, RefusedError = second_reader.read, second_reader.RefusedError
 
@@ -57,6 +57,7 @@ def assert_same_contents(data: bytes) -> None:
     assert ours.metadata == theirs.metadata
 
 
+@settings(max_examples=40)
 @given(streams())
 def test_both_readers_see_the_same_stream_and_the_fields_cover_every_byte_once(stream: Stream) -> None:
     data = write_stream(stream)
@@ -67,12 +68,6 @@ def test_both_readers_see_the_same_stream_and_the_fields_cover_every_byte_once(s
         assert field.address == end
         end += field.length
     assert end == len(data)
-
-
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.rule}: {fault.cause}")
-def test_both_readers_refuse_a_faulty_stream(fault: Fault) -> None:
-    with pytest.raises(RefusedError):
-        read_stream_again(fault.data)
 
 
 @pytest.mark.parametrize(("kind", "limit", "size"), [(COVERAGE, 2**18, 1792), (FADING, 2**15, 224)])
@@ -112,34 +107,27 @@ def test_both_readers_judge_bent_content_alike(data: st.DataObject) -> None:
         assert_same_contents(bent)
 
 
-def test_every_rule_of_the_specification_is_broken_by_a_test() -> None:
-    table = (SPECIFICATION / "FORMAT.md").read_text().split("## 12. Errors")[1].split("## 13.")[0]
-    rules = re.findall(r"^\| (.+?) \|", table, re.MULTILINE)[1:]
-    assert set(rules) == {fault.rule for fault in FAULTS}
-    assert len(rules) == len(set(rules))
+def part(begin: str, end: str) -> str:
+    """The text between two headings of FORMAT.md."""
+    return (SPECIFICATION / "FORMAT.md").read_text().split(begin)[1].split(end)[0]
 
 
 def hex_dump(begin: str, end: str) -> bytes:
-    """The bytes that are shown between two headings of FORMAT.md."""
-    text = (SPECIFICATION / "FORMAT.md").read_text().split(begin)[1].split(end)[0]
-    return bytes.fromhex("".join(re.findall(r"^0[0-9a-f]{2}0  (.+)$", text, re.MULTILINE)))
+    """The bytes that are shown between two headings."""
+    return bytes.fromhex("".join(re.findall(r"^0[0-9a-f]{2}0  (.+)$", part(begin, end), re.MULTILINE)))
 
 
 def worked_example() -> bytes:
     return hex_dump("### 13.1", "### 13.2")
 
 
-def test_the_smallest_vector_is_shown_as_it_is() -> None:
-    assert hex_dump("### 13.2", "## 14.") == (SPECIFICATION / "vectors" / "uncommon" / "smallest.fcs").read_bytes()
-
-
 def test_the_steps_of_the_worked_example_hold() -> None:
-    """Its numbers, found again by the second reader."""
-    text = (SPECIFICATION / "FORMAT.md").read_text().split("### 13.2")[1].split("## 14.")[0]
-    shown = dict(re.findall(r"^\| (.+?) \| ([-0-9, ]+)", text, re.MULTILINE))
-    vectors = SPECIFICATION / "vectors"
-    contents = read_stream_again((vectors / "uncommon" / "smallest.fcs").read_bytes())
-    first, _ = second_reader.decode(contents, (vectors / "tiny.safetensors").read_bytes())
+    """Its bytes are those of the smallest vector, and its numbers are found again by the second reader."""
+    data = hex_dump("### 13.2", "## 14.")
+    assert data == (SPECIFICATION / "vectors" / "uncommon" / "smallest.fcs").read_bytes()
+    shown = dict(re.findall(r"^\| (.+?) \| ([-0-9, ]+)", part("### 13.2", "## 14."), re.MULTILINE))
+    weights = (SPECIFICATION / "vectors" / "tiny.safetensors").read_bytes()
+    first, _ = second_reader.decode(read_stream_again(data), weights)
     assert numbers(shown["symbols of z"]) == first.batches[0]
     assert numbers(shown["z_hat at row 0, column 0"]) == first.z_hat[0][0][0]
     assert numbers(shown["symbols of y, first pass"]) == first.batches[1]
@@ -241,8 +229,8 @@ MODELS = sorted(path.parent.parent.name for path in SHIPPED.glob(f"*/{GRAPHS_FOL
 
 def listed(model: str) -> tuple[str, dict[str, str]]:
     """Return the model id and the SHA-256 of each graph, as FORMAT.md has them."""
-    text = (SPECIFICATION / "FORMAT.md").read_text().split("### 9.3 ")[1].split("## 10. ")[0]
-    model_id, table = re.search(rf"Graphs of `{model}`, model id `(\w+)`.*?\n\n(.+?)\n\n", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    pattern = rf"Graphs of `{model}`, model id `(\w+)`.*?\n\n(.+?)\n\n"
+    model_id, table = re.search(pattern, part("### 9.3 ", "## 10. "), re.DOTALL).groups()  # type: ignore[union-attr]
     return model_id, dict(re.findall(r"^\| `(\w+)` \|.*\| `(\w{64})` \|$", table, re.MULTILINE))
 
 

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from math import prod
 
 from hypothesis import strategies as st
 
@@ -16,6 +17,7 @@ from fecocodec.container import (
     PackedCameras,
     Stream,
 )
+from fecocodec.container.view_grids import ViewGrids
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
 CAMERAS, COVERAGE, FADING, B1, B2, DETAIL, METADATA = 0x90, 0x98, 0x9C, 0xA0, 0xB0, 0xB8, 0x40
@@ -50,39 +52,35 @@ def sealed_section(kind: int, payload: bytes) -> bytes:
     return head + struct.pack("<I", zlib.crc32(head + payload)) + payload
 
 
-def sealed_header(
-    like: Header, *, major: int = 2, minor: int = 0, views: int | None = None, stages: int | None = None,
-    height: int | None = None, width: int | None = None, lambda_q: int | None = None, sections: int = 4,
-    excess: int = 0,
-) -> bytes:  # fmt: skip
-    """Return the header of a stream of two stages, with arbitrary fields and a valid CRC."""
-    stages = like.num_stages if stages is None else stages
-    fields = (
-        *(major, minor, like.model_id, like.num_views if views is None else views, stages),
-        *(like.height if height is None else height, like.width if width is None else width),
-        *(like.lambda_q if lambda_q is None else lambda_q, sections, excess),
-    )
-    digests = b"".join(like.symbol_digests)[: 8 * stages]
-    content = SIGNATURE + struct.pack("<BB8sBBHHHBB", *fields) + digests
+def sealed_header(like: Header, **fields: int) -> bytes:
+    """Return a header with a valid CRC and any fields, by default those of `like` and four sections.
+
+    fields: major, minor, views, stages, height, width, lambda_q, sections, excess.
+    """
+    usual = {"major": 2, "minor": 0, "views": like.num_views, "stages": like.num_stages, "height": like.height}
+    usual |= {"width": like.width, "lambda_q": like.lambda_q, "sections": 4, "excess": 0}
+    major, minor, *others = (usual | fields).values()
+    digests = b"".join(like.symbol_digests)[: 8 * others[1]]
+    content = SIGNATURE + struct.pack("<BB8sBBHHHBB", major, minor, like.model_id, *others) + digests
     return content + struct.pack("<I", zlib.crc32(content))
 
 
-@st.composite
-def rotations(draw: st.DrawFn) -> tuple[float, ...]:
-    """Draw rotations from quaternions, rounded to float32, row-major."""
-    w, x, y, z = (draw(st.floats(-1, 1)) for _ in range(4))
-    square = w * w + x * x + y * y + z * z
-    if square < 1e-3:
-        return TURNED
-    s = 2.0 / square
-    return tuple(
-        float32(value)
-        for value in (
-            1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w),
-            s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w),
-            s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y),
-        )
+def grid_bytes(grids: ViewGrids, header: Header) -> int:
+    """Return the size of the values of coverage or fading."""
+    return prod(grids.shape(header)) * grids.bits // 8
+
+
+def rotation_of(w: float, x: float, y: float, z: float) -> tuple[float, ...]:
+    """Return the rotation of a quaternion of any length, row-major."""
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return (
+        1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w),
+        s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w),
+        s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y),
     )  # fmt: skip
+
+
+quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda wxyz: sum(value**2 for value in wxyz) > 1e-3)
 
 
 positions = st.tuples(*[st.floats(-512, 512, width=32)] * 3)
@@ -94,28 +92,12 @@ json_values = st.recursive(
 )
 
 
-@st.composite
-def coverages(draw: st.DrawFn, header: Header) -> bytes:
-    """Draw a bitmap of cells."""
-    views, rows, columns = COVERAGE_CELLS.shape(header)
-    return draw(patterns(views * rows * columns // 8))
-
-
-@st.composite
-def fadings(draw: st.DrawFn, header: Header) -> bytes:
-    """Draw levels of blocks."""
-    views, rows, columns = FADING_BLOCKS.shape(header)
-    return draw(patterns(views * rows * columns // 4))
-
-
 details = st.builds(Detail, st.integers(0, MAX_DETAIL_STEP), st.binary(max_size=64))
 
 
-@st.composite
-def patterns(draw: st.DrawFn, size: int) -> bytes:
+def patterns(size: int) -> st.SearchStrategy[bytes]:
     """Draw bytes that repeat few values, because drawing thousands of them is slow."""
-    pattern = draw(st.binary(min_size=1, max_size=4))
-    return (pattern * size)[:size]
+    return st.binary(min_size=1, max_size=4).map(lambda pattern: (pattern * size)[:size])
 
 
 @st.composite
@@ -125,7 +107,7 @@ def streams(draw: st.DrawFn) -> Stream:
     lens = draw(lenses)
     near = draw(st.floats(0.0625, 8, width=32))
     cameras = PackedCameras(
-        tuple(pose(draw(rotations()), draw(positions)) for _ in range(views)),
+        tuple(pose(rotation_of(*draw(quaternions)), draw(positions)) for _ in range(views)),
         (lens,) * views if draw(st.booleans()) else tuple(draw(lenses) for _ in range(views)),
         near,
         float32(near * draw(st.floats(1.5, 16_000))),
@@ -144,5 +126,7 @@ def streams(draw: st.DrawFn) -> Stream:
     )
     metadata = draw(st.none() | st.dictionaries(st.text(max_size=4), json_values, max_size=3))
     payloads = tuple(draw(st.binary(max_size=64)) for _ in range(stages))
-    coverage, fading = draw(st.none() | coverages(header)), draw(st.none() | fadings(header))
+    coverage, fading = (
+        draw(st.none() | patterns(grid_bytes(grids, header))) for grids in (COVERAGE_CELLS, FADING_BLOCKS)
+    )
     return Stream(header, cameras, payloads, metadata, coverage, fading, draw(st.none() | details))

@@ -8,6 +8,7 @@ import zstandard
 from fecocodec.container import COVERAGE_CELLS, FADING_BLOCKS, PackedCameras, Stream, write_stream
 from fecocodec.container.cameras import pack_cameras
 from fecocodec.container.metadata import pack_metadata
+from fecocodec.container.view_grids import ViewGrids
 from tests.container.example_streams import (
     B1,
     B2,
@@ -18,6 +19,7 @@ from tests.container.example_streams import (
     METADATA,
     TURNED,
     example_stream,
+    grid_bytes,
     pose,
     sealed_header,
     sealed_section,
@@ -34,44 +36,22 @@ class Fault:
     cause: str
 
 
-@dataclass(frozen=True)
 class Parts:
-    """A valid stream of two views, two stages and metadata, and its parts, from which faulty streams are built."""
+    """A valid stream of two views, two stages and metadata, and its parts, from which faulty streams are built.
 
-    stream: Stream
+    end: of section B2.
+    """
 
-    @property
-    def good(self) -> bytes:
-        return write_stream(self.stream)
-
-    @property
-    def cameras(self) -> bytes:
-        return sealed_section(CAMERAS, pack_cameras(self.stream.cameras))
-
-    @property
-    def b1(self) -> bytes:
-        return sealed_section(B1, self.stream.payloads[0])
-
-    @property
-    def b2(self) -> bytes:
-        return sealed_section(B2, self.stream.payloads[1])
-
-    @property
-    def metadata(self) -> bytes:
-        return sealed_section(METADATA, pack_metadata(self.stream.metadata or {}))
-
-    @property
-    def b1_offset(self) -> int:
-        return 48 + len(self.cameras)
-
-    @property
-    def b2_offset(self) -> int:
-        return self.b1_offset + len(self.b1)
-
-    @property
-    def end(self) -> int:
-        """Return the end of section B2."""
-        return self.b2_offset + len(self.b2)
+    def __init__(self, stream: Stream) -> None:
+        self.stream, self.good = stream, write_stream(stream)
+        self.cameras = sealed_section(CAMERAS, pack_cameras(stream.cameras))
+        self.b1, self.b2 = (
+            sealed_section(kind, payload) for kind, payload in zip((B1, B2), stream.payloads, strict=True)
+        )
+        self.metadata = sealed_section(METADATA, pack_metadata(stream.metadata or {}))
+        self.b1_offset = 48 + len(self.cameras)
+        self.b2_offset = self.b1_offset + len(self.b1)
+        self.end = self.b2_offset + len(self.b2)
 
     def header(self, **fields: int) -> bytes:
         return sealed_header(self.stream.header, **fields)
@@ -253,33 +233,26 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
     ]
 
 
-def coverage_faults(parts: Parts) -> list[Fault]:
-    views, rows, columns = COVERAGE_CELLS.shape(parts.stream.header)
-    rule = "cells of coverage have their size"
-    return grid_faults(parts, COVERAGE, "coverage", rule, views * rows * columns // 8)
-
-
-def fading_faults(parts: Parts) -> list[Fault]:
-    views, rows, columns = FADING_BLOCKS.shape(parts.stream.header)
-    rule = "blocks of fading have their size"
-    return grid_faults(parts, FADING, "fading", rule, views * rows * columns // 4)
-
-
-def grid_faults(parts: Parts, kind: int, name: str, size_rule: str, size: int) -> list[Fault]:
-    """Return faults of a section that inflates to `size` bytes, a few bits for each part of the coding grid."""
+def grid_faults(parts: Parts, kind: int, grids: ViewGrids) -> list[Fault]:
+    """Return faults of coverage or fading."""
+    size = grid_bytes(grids, parts.stream.header)
     whole = deflated(bytes(size))
     faults = [
         ("Deflate data valid", b"\xff" * 40, "no valid Deflate data"),
         ("Deflate data not too long", deflated(bytes(20_000_000)), f"inflates to more than the {size} bytes"),
         ("Deflate data has an end", whole[:-1], "its Deflate data has no end"),
         ("nothing after the Deflate data", whole + b"\0", "1 bytes follow its Deflate data"),
-        (size_rule, deflated(bytes(size - 1)), f"take {size - 1} bytes, the views need {size}"),
+        (
+            f"{grids.squares} of {grids.name} have their size",
+            deflated(bytes(size - 1)),
+            f"take {size - 1} bytes, the views need {size}",
+        ),
     ]
     return [
         Fault(
             rule,
             parts.stream_of(parts.cameras, sealed_section(kind, data), parts.b1, parts.b2),
-            f"section {name} at byte {parts.b1_offset}",
+            f"section {grids.name} at byte {parts.b1_offset}",
             cause,
         )
         for rule, data, cause in faults
@@ -361,8 +334,8 @@ def faults_of(stream: Stream) -> tuple[Fault, ...]:
         *section_order_faults(parts),
         *camera_payload_faults(parts),
         *camera_value_faults(parts),
-        *coverage_faults(parts),
-        *fading_faults(parts),
+        *grid_faults(parts, COVERAGE, COVERAGE_CELLS),
+        *grid_faults(parts, FADING, FADING_BLOCKS),
         *metadata_faults(parts),
         *detail_faults(parts),
     )

@@ -5,7 +5,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 from fecocodec.container import (
     Detail,
@@ -27,19 +27,18 @@ from tests.container.faulty_streams import EXAMPLE, GOOD
 pytestmark = pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 
 
+@settings(max_examples=40)
 @given(streams())
 def test_a_stream_is_read_back_as_written_and_a_prefix_ends_after_its_payload(stream: Stream) -> None:
     data = write_stream(stream)
     assert read_stream(data) == stream
     assert write_stream(read_stream(data)) == data
-    b1 = next(section for section in list_sections(data) if section.name == "B1")
-    cut = data[: b1.offset + 9 + b1.length]
-    expected = replace(stream, payloads=stream.payloads[:1], metadata=None, detail=None)
-    assert read_prefix(cut, 1) == expected
-    assert read_prefix(data, 1) == expected
-    assert read_prefix(cut + b"anything", 1) == expected
-    with pytest.raises(BitstreamError):
-        read_prefix(cut[:-1], 1)
+    ends = [section.offset + section.total_bytes for section in list_sections(data) if section.name in ("B1", "B2")]
+    for number, end in enumerate(ends, start=1):
+        expected = replace(stream, payloads=stream.payloads[:number], metadata=None, detail=None)
+        assert all(read_prefix(part, number) == expected for part in (data, data[:end], data[:end] + b"anything"))
+        with pytest.raises(BitstreamError):
+            read_prefix(data[: end - 1], number)
 
 
 OPTIONAL = {
@@ -71,7 +70,6 @@ def test_header_and_sections_cost_what_the_specification_says(
     content = len(pack_cameras(full.cameras)) + sum(map(len, full.payloads[:num_stages]))
     content += sum(section.length for section in list_sections(data) if section.name in optional)
     assert len(data) - content == overhead
-    assert overhead <= 111
 
 
 def test_a_newer_minor_version_with_unknown_sections_is_read() -> None:
@@ -132,11 +130,6 @@ def test_detail_lies_behind_the_last_stage_as_a_step_and_a_payload() -> None:
     assert read_stream(data) == WITH_DETAIL
     data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
     assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
-
-
-@pytest.mark.parametrize("num_stages", [1, 2])
-def test_a_prefix_has_no_detail(num_stages: int) -> None:
-    assert read_prefix(write_stream(WITH_DETAIL), num_stages) == read_prefix(GOOD, num_stages)
 
 
 def test_damage_is_answered_with_the_way_out() -> None:

@@ -37,12 +37,12 @@ def test_a_named_pipe_waits_for_its_writer(pipe: Path, delay: float) -> None:
 
 def test_a_writer_may_be_slow(pipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The time without a writer does not run while there is one."""
-    monkeypatch.setattr(stream_file, "SECONDS_WITHOUT_WRITER", 0.2)
+    monkeypatch.setattr(stream_file, "SECONDS_WITHOUT_WRITER", 0.1)
 
     def write() -> None:
         with pipe.open("wb", buffering=0) as file:
             for part in (DATA[:100], DATA[100:]):
-                time.sleep(0.5)
+                time.sleep(0.2)
                 file.write(part)
 
     writer = threading.Thread(target=write, daemon=True)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import prod
 from random import Random
 
 import numpy as np
@@ -27,6 +26,7 @@ from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
 from fecocodec.errors import BitstreamError
 from fecocodec.receiver.model import Receiver
+from tests.container.example_streams import float32, grid_bytes, pose, rotation_of
 
 LATENT, HYPER = 8, 32  # pixels per latent and per hyper-latent
 SIZES = ((64, 64), (64, 96), (96, 64))
@@ -83,8 +83,10 @@ def forged_stream(random: Random, latents: Sequence[CodedLatents]) -> bytes:
     In one of four it has random coverage, in one of four random fading, in one of two detail if the model has it.
     """
     coded = latents[int(random.random() * len(latents))]
-    coverage = random.randbytes(prod(COVERAGE_CELLS.shape(coded.header)) // 8) if random.random() < 0.25 else None
-    fading = random.randbytes(prod(FADING_BLOCKS.shape(coded.header)) // 4) if random.random() < 0.25 else None
+    coverage, fading = (
+        random.randbytes(grid_bytes(grids, coded.header)) if random.random() < 0.25 else None
+        for grids in (COVERAGE_CELLS, FADING_BLOCKS)
+    )
     detail = coded.detail if coded.detail is not None and random.random() < 0.5 else None
     cameras = valid_cameras(random, coded.header.num_views)
     stream = Stream(coded.header, cameras, coded.payloads, coverage=coverage, fading=fading, detail=detail)
@@ -118,14 +120,8 @@ def random_pose(random: Random, centre: Sequence[float], distance: float) -> tup
     w, x, y, z = (random.gauss(0.0, 1.0) for _ in range(4))
     if random.random() < 0.5:
         w, x, y, z = 1.0, 0.0, 0.0, 0.0
-    scale = 2.0 / (w * w + x * x + y * y + z * z)
-    rows = (
-        (1.0 - scale * (y * y + z * z), scale * (x * y - z * w), scale * (x * z + y * w)),
-        (scale * (x * y + z * w), 1.0 - scale * (x * x + z * z), scale * (y * z - x * w)),
-        (scale * (x * z - y * w), scale * (y * z + x * w), 1.0 - scale * (x * x + y * y)),
-    )
-    moved = [value + distance * random.choice((-1.0, 0.0, random.uniform(-1.0, 1.0), 1.0)) for value in centre]
-    return tuple(float32(value) for row, t in zip(rows, moved, strict=True) for value in (*row, t))
+    moved = tuple(value + distance * random.choice((-1.0, 0.0, random.uniform(-1.0, 1.0), 1.0)) for value in centre)
+    return pose(rotation_of(w, x, y, z), moved)
 
 
 def random_lens(random: Random) -> tuple[float, float, float, float]:
@@ -139,7 +135,3 @@ def spread(random: Random, lowest: float, highest: float) -> float:
     """Return a value between two positive bounds: one of them, or one that is uniform in the logarithm."""
     share = random.choice((0.0, 1.0, random.random(), random.random()))
     return float(min(max(lowest * (highest / lowest) ** share, lowest), highest))
-
-
-def float32(value: float) -> float:
-    return float(torch.tensor(value, dtype=torch.float32))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from fecocodec.coding.detail import decode_detail, detail_size, detail_values
 from fecocodec.coding.quadtree import from_coding_order
 from fecocodec.container import Stream, check_symbol_digest, read_stream
 from fecocodec.errors import BitstreamError, ModelError
@@ -14,7 +13,7 @@ from fecocodec.model_files import find_receiver
 from fecocodec.runtime.decode import StageLatents, decode_stage
 from fecocodec.runtime.graphs import Graphs, graphs_of
 from tests.vectors.paper_model import PAPER_MODEL, paper_model_id
-from tests.vectors.symbols import fingerprint
+from tests.vectors.symbols import check_detail, fingerprint
 from tests.vectors.tiny_graphs import tiny_graphs
 from tests.vectors.tiny_model import VECTORS, tiny_model_id
 
@@ -40,15 +39,6 @@ def decode_symbols(stream: Stream, num_threads: int) -> list[StageLatents]:
     return found
 
 
-def decode_detail_symbols(stream: Stream, num_threads: int) -> np.ndarray | None:
-    """Decode detail; None if the stream has none."""
-    if stream.detail is None:
-        return None
-    tables = graphs_for(stream.header.model_id, num_threads).bytes_tensor("detail.tables")
-    assert tables is not None
-    return decode_detail(tables, stream.detail.payload, detail_size(stream.header))
-
-
 def clipped(values: np.ndarray) -> str:
     return fingerprint(values.astype(np.int64).clip(-(1 << 24), 1 << 24))
 
@@ -56,26 +46,17 @@ def clipped(values: np.ndarray) -> str:
 @pytest.mark.parametrize("num_threads", [1, 2])
 @pytest.mark.parametrize("name", EXPECTED["good"])
 def test_every_symbol_and_value_is_the_expected_one(name: str, num_threads: int) -> None:
-    stream = read_stream((VECTORS / name).read_bytes())
-    found, detail = decode_symbols(stream, num_threads), decode_detail_symbols(stream, num_threads)
-    expected, of_detail = EXPECTED["good"][name]["stages"], EXPECTED["good"][name]["detail"]
-    assert len(found) == len(expected)
-    for mine, stage in zip(found, expected, strict=True):
+    found = decode_symbols(read_stream((VECTORS / name).read_bytes()), num_threads)
+    for mine, stage in zip(found, EXPECTED["good"][name]["stages"], strict=True):
         y_hat = from_coding_order(torch.from_numpy(np.stack(mine.steps))).permute(0, 2, 3, 1).numpy()
         assert [fingerprint(batch) for batch in mine.symbols] == stage["symbols"]
         assert (clipped(mine.z_hat), clipped(y_hat)) == (stage["z_hat"], stage["y_hat"])
-    assert (None if detail is None else fingerprint(detail.ravel())) == (of_detail and of_detail["symbols"])
 
 
 @pytest.mark.parametrize("name", EXPECTED["faulty"])
 def test_a_faulty_stream_is_refused_with_the_same_sentence(name: str) -> None:
     with pytest.raises((BitstreamError, ModelError)) as caught:
-        decode_all(read_stream((VECTORS / name).read_bytes()))
+        stream = read_stream((VECTORS / name).read_bytes())
+        decode_symbols(stream, 1)
+        check_detail(stream)
     assert EXPECTED["faulty"][name]["says"] in str(caught.value)
-
-
-def decode_all(stream: Stream) -> None:
-    decode_symbols(stream, 1)
-    if stream.detail is not None:
-        tables = graphs_for(stream.header.model_id, 1).bytes_tensor("detail.tables")
-        detail_values(tables, stream.detail, stream.header)

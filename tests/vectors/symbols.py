@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Int32, Int64, UInt8
-from safetensors.torch import load
 from torch import Tensor
 
 from fecocodec.checkpoint import find_receiver
-from fecocodec.coding.detail import decode_detail, detail_size
+from fecocodec.coding.detail import decode_detail, detail_size, detail_values
 from fecocodec.coding.payload import CodedLatents, decode_latents
 from fecocodec.coding.priors import LatentPrior
 from fecocodec.container import PackedCameras, Stream
 from fecocodec.errors import BitstreamError
 from fecocodec.receiver.model import load_receiver
+from fecocodec.runtime.graphs import bytes_tensor
 from tests.vectors.paper_model import PAPER_MODEL, paper_model_id
 from tests.vectors.tiny_model import TINY_MODEL, tiny_model_id, tiny_prior
 
@@ -53,8 +53,7 @@ def _receiver_file(model_id: bytes) -> Path:
 @cache
 def detail_tables_of(model_id: bytes) -> UInt8[np.ndarray, "plane 16"] | None:
     """Return the tables of detail; None for a model without it. Raises ModelError if there is no model with this id."""
-    tables = load(weights_of(model_id)).get("detail.tables")
-    return None if tables is None else tables.numpy()
+    return bytes_tensor(weights_of(model_id), "detail.tables")
 
 
 def decode_symbols(stream: Stream) -> list[StageValues]:
@@ -78,6 +77,12 @@ def decode_detail_symbols(stream: Stream) -> Int32[np.ndarray, "plane view row c
     tables = detail_tables_of(stream.header.model_id)
     assert tables is not None
     return decode_detail(tables, stream.detail.payload, detail_size(stream.header))
+
+
+def check_detail(stream: Stream) -> None:
+    """Raise BitstreamError if the stream has detail that is not valid, or that its model does not have."""
+    if stream.detail is not None:
+        detail_values(detail_tables_of(stream.header.model_id), stream.detail, stream.header)
 
 
 def _q8(values: Tensor) -> np.ndarray:
