@@ -54,18 +54,10 @@ def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
     assert float(far.double().mean()) < 0.5
 
 
-def test_the_smallest_view_is_coded_and_nan_refused():
-    y, z = smooth_latents(1, 4, 4)
-    payload, sent = encode_latents(lively_prior(), y, z, 1768, 1, None)
-    assert_same(sent, decode_latents(lively_prior(), payload, (1, 4, 4), 1768, 1, None))
-    y, z = smooth_latents(1, 4, 4)
-    y[0, 0, 0, 0] = torch.nan
-    with pytest.raises(InputError, match="NaN"):
-        encode_latents(lively_prior(), y, z, 0, 1, None)
-
-
-def test_no_latent_is_too_extreme():
+def test_no_latent_is_too_extreme_but_nan_is_refused():
     y, z = smooth_latents(1, 8, 8)
+    with pytest.raises(InputError, match="NaN"):
+        encode_latents(lively_prior(), y.masked_fill(y > 3, torch.nan), z, 0, 1, None)
     y[0, :, ::2] *= 1e4
     y[0, 3], y[0, 4], y[0, 5] = 1e30, -torch.inf, torch.inf
     z[0, :4] = 1e9
@@ -97,23 +89,6 @@ def q8(values: torch.Tensor) -> list:
     return (values.permute(0, 2, 3, 1).double() * 256).long().tolist()
 
 
-def test_damaged_payloads_raise_or_change_the_digest():
-    prior, size = lively_prior(), (1, 8, 8)
-    payload, sent = encode_latents(prior, *smooth_latents(*size), 700, 1, None)
-    rng = np.random.default_rng(0)
-    noticed_at_once = 0
-    for _ in range(60):
-        damaged = bytearray(payload)
-        damaged[rng.integers(len(payload))] ^= 1 << rng.integers(8)
-        try:
-            received = decode_latents(prior, bytes(damaged), size, 700, 1, None)
-        except BitstreamError:
-            noticed_at_once += 1
-        else:
-            assert received.digest() != sent.digest()
-    assert noticed_at_once > 0
-
-
 def test_random_bytes_raise_or_are_the_only_encoding_of_what_they_say(monkeypatch: pytest.MonkeyPatch):
     """Random bytes are sometimes a valid payload; only the digest detects these."""
     monkeypatch.setitem(PRICES, 1, (0.0, 0.0))  # choose the nearest symbols
@@ -131,11 +106,3 @@ def test_random_bytes_raise_or_are_the_only_encoding_of_what_they_say(monkeypatc
             assert_same(sent, received)
             valid += 1
     assert 0 < valid < 40
-
-
-def test_another_lambda_or_stage_is_another_code():
-    prior, (y, z) = lively_prior(), smooth_latents(1, 8, 8)
-    payload, sent = encode_latents(prior, y, z, 700, 1, None)
-    assert payload != encode_latents(prior, y, z, 701, 1, None)[0]
-    assert payload != encode_latents(prior, y, z, 700, 2, torch.zeros_like(y))[0]
-    assert sent.z_hat.shape == z.shape

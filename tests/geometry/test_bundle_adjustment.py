@@ -8,13 +8,16 @@ import pytest
 import torch
 from torch import Tensor
 
-from fecocodec.codec.encode_folder import encode_folder
+from fecocodec.captures.chosen_photographs import choose_photographs
+from fecocodec.codec.encode_views import read_photographs
+from fecocodec.codec.messages import Messages
 from fecocodec.codec.options import EncodingOptions
 from fecocodec.evaluation.stress.box_room import Room, along_a_line, chequered, painted, photograph
 from fecocodec.evaluation.stress.perturbations import turned
 from fecocodec.geometry.bundle_adjustment import adjusted
 from fecocodec.geometry.sparse_matches import corners_of
-from fecocodec.geometry.views import Views, with_cameras
+from fecocodec.geometry.views import Views
+from fecocodec.sender.input_warnings import check_input
 from tests.example_scenes import write_views
 
 
@@ -88,24 +91,16 @@ def test_few_points_say_nothing(views: Views) -> None:
     assert adjusted(wrong, corners_of(blank, None)) is None
 
 
-def test_cameras_return_to_their_parts(views: Views) -> None:
-    parts = [views.select([0, 1, 2]), views.select([3, 4])]
-    moved = replace(views.cameras, extrinsics=views.cameras.extrinsics + 1.0)
-    first, second = with_cameras(parts, moved)
-    assert torch.equal(torch.cat((first.cameras.extrinsics, second.cameras.extrinsics)), moved.extrinsics)
-    assert (first.names, second.names) == (parts[0].names, parts[1].names)
-
-
 @pytest.mark.usefixtures("found_once")
-def test_a_folder_with_turned_cameras_is_encoded_as_with_right_ones_and_that_is_said(
-    views: Views, tmp_path: Path
-) -> None:
-    quality = {}
-    for name, scene in (("right", views), ("wrong", turned(views, 2.0, len(views.images)))):
-        write_views(tmp_path / name, scene)
-        report = encode_folder(tmp_path / name, EncodingOptions(effort="fast", num_stages=1))
-        quality[name] = report.quality[-1].psnr
-        is_said = any(note.startswith("the cameras do not fit the photographs") for note in report.notes)
-        assert is_said == (name == "wrong")
-        assert not any("turned by" in warning for warning in report.warnings)
-    assert quality["wrong"] > quality["right"] - 0.5
+@pytest.mark.parametrize("degrees", [0.0, 2.0])
+def test_turned_cameras_of_a_folder_are_adjusted_and_that_is_said(views: Views, degrees: float, tmp_path: Path) -> None:
+    write_views(tmp_path, turned(views, degrees, len(views.images)))
+    messages = Messages(tmp_path)
+    context, guides = (choose_photographs(tmp_path, views=names) for names in ((0, 1, 2), (3, 4)))
+    read = read_photographs(context, guides, None, EncodingOptions(), messages)
+    is_said = any(note.startswith("the cameras do not fit the photographs") for note in messages.notes)
+    assert is_said == (degrees > 0.0)
+    assert not any("turned by" in warning for warning in check_input(read.views, "fast", read.guides))
+    assert (read.views.names, read.guides.names) == (("0.png", "1.png", "2.png"), ("3.png", "4.png"))
+    found = torch.cat((read.views.cameras.extrinsics, read.guides.cameras.extrinsics))
+    assert largest_angle(between(found), between(views.cameras.extrinsics)) < 0.4

@@ -32,8 +32,9 @@ def test_no_vector_is_missing_and_none_is_unknown() -> None:
     assert f"valid/scene-{DEFAULT_MODEL}.fcs" in SCENES
 
 
-@pytest.mark.parametrize("name", GOOD)
+@pytest.mark.parametrize("name", [name for name in GOOD if name not in SCENES or "nine" in name])
 def test_the_second_reader_agrees_symbol_for_symbol(name: str) -> None:
+    """Of the released scenes, which take long, it reads more in `test_second_receiver`, where it checks digests."""
     data = read(name)
     stream, contents = read_stream(data), second_reader.read(data)
     weights = weights_of(stream.header.model_id)
