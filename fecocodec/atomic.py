@@ -47,7 +47,7 @@ def require_writable(path: Path, *, overwrite: bool) -> None:
     and `overwrite` is false.
     """
     _require_file_path(path, overwrite=overwrite)
-    folder = _nearest_existing(path.resolve())  # through a symbolic link, as `_written` does
+    folder = _nearest_existing(path.resolve())  # through a symbolic link, as `write_atomically` does
     trial = folder / f".{secrets.token_urlsafe(9)}.part"  # permissions alone do not tell
     try:
         trial.touch(exist_ok=False)
@@ -120,35 +120,30 @@ def write_atomically(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """
     _require_file_path(path, overwrite=overwrite)
     with made_folder(path.parent):
-        yield from _written(path, overwrite=overwrite)
+        target = path.resolve()  # through a symbolic link, so that the link survives
+        temporary = target.with_name(f".{secrets.token_hex(6)}.part{target.suffix}")
+        try:
+            yield temporary
+            if overwrite:
+                os.replace(temporary, target)
+            else:
+                _rename_to_new(temporary, target)
+        except FileExistsError as error:
+            raise OutputError(_exists(path)) from error
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OutputError(
+                f"{path}: writing failed ({reason}); check free space and permissions or choose another output path."
+            ) from error
+        finally:
+            with suppress(OSError):  # a read-only disk refuses even this; the error above is the one to report
+                temporary.unlink(missing_ok=True)
 
 
 def write_file(path: Path, content: str | bytes, *, overwrite: bool) -> None:
     """Write bytes, or text in UTF-8; as `write_atomically` does."""
     with write_atomically(path, overwrite=overwrite) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-
-
-def _written(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary path in an existing folder, as `write_atomically` does."""
-    target = path.resolve()  # through a symbolic link, so that the link survives
-    temporary = target.with_name(f".{secrets.token_hex(6)}.part{target.suffix}")
-    try:
-        yield temporary
-        if overwrite:
-            os.replace(temporary, target)
-        else:
-            _rename_to_new(temporary, target)
-    except FileExistsError as error:
-        raise OutputError(_exists(path)) from error
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"{path}: writing failed ({reason}); check free space and permissions or choose another output path."
-        ) from error
-    finally:
-        with suppress(OSError):  # a read-only disk refuses even this; the error above is the one to report
-            temporary.unlink(missing_ok=True)
 
 
 def _rename_to_new(temporary: Path, target: Path) -> None:

@@ -184,9 +184,9 @@ class LargeSenderConfig(CodecConfig):
 
 def stored_fields(config: Any) -> dict[str, Any]:
     """Return the fields of a configuration that a weights file stores: optional ones only if they are not default."""
-    values = {entry.name: getattr(config, entry.name) for entry in fields(config)}
-    defaults = {entry.name: entry.default for entry in fields(config) if entry.metadata.get("optional")}
-    return {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
+    values = {entry.name: (getattr(config, entry.name), entry.default) for entry in fields(config)}
+    optional = optional_fields(config)
+    return {name: value for name, (value, default) in values.items() if name not in optional or value != default}
 
 
 def optional_fields(config: Any) -> frozenset[str]:

@@ -16,8 +16,7 @@ from fecocodec.coding.coding_order import in_layout, scan_latents, split_partiti
 from fecocodec.coding.fixed_point import ONE_Q8
 from fecocodec.coding.priors import EntropyParameters, LatentPrior, condition_vector
 from fecocodec.coding.symbol_choice import PriceOfBits, choose_symbols, price_of_bits
-from fecocodec.entropy.digest import symbol_digest
-from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolCoder, SymbolReader, SymbolWriter, symbol_digest
 from fecocodec.errors import InputError
 from fecocodec.grid import LATENTS_PER_HYPERLATENT
 

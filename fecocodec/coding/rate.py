@@ -99,31 +99,25 @@ def estimate_latents(
     lambda_q: quantised lambda of the stage, one per item. stage: 1 or 2. context_y_hat: y_hat of stage 1 in stage 2,
     else None.
     """
-    meter = _Meter(split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage), surrogate)
+    partitions, price = split_partitions(y.float(), z.float()), price_of_bits(lambda_q, stage)
+    estimated: list[Tensor] = []
+
+    def exchange(partition: int, parameters: EntropyParameters) -> Tensor:
+        residual = partitions[partition] - parameters.mean_q8 / ONE_Q8
+        symbols, bits = surrogate(residual, parameters, in_layout(price, partition))
+        estimated.append(bits)
+        return symbols * ONE_Q8 + parameters.mean_q8
+
     context_q8 = None if context_y_hat is None else context_y_hat.float() * ONE_Q8
     size_32 = (z.shape[2], z.shape[3])
-    latents = scan_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, meter.exchange)
-    bits_z, *bits_y = meter.bits
+    latents = scan_latents(prior, condition_vector(lambda_q, stage), size_32, context_q8, exchange)
+    bits_z, *bits_y = estimated
     return LatentEstimate(
         y_hat=latents.y_hat_q8 / ONE_Q8,
         z_hat=latents.z_hat_q8 / ONE_Q8,
         bits_y=torch.stack([bits.sum(dim=(0, 2, 3, 4)) for bits in bits_y]).sum(dim=0),
         bits_z=bits_z.sum(dim=(1, 2, 3)),
     )
-
-
-class _Meter:
-    """Replaces the symbol coder: quantises by a surrogate and records estimated bits."""
-
-    def __init__(self, partitions: list[Tensor], price: Float[Tensor, " item"], surrogate: Surrogate) -> None:
-        self.partitions, self.price, self.surrogate = partitions, price, surrogate
-        self.bits: list[Tensor] = []
-
-    def exchange(self, partition: int, parameters: EntropyParameters) -> Tensor:
-        residual = self.partitions[partition] - parameters.mean_q8 / ONE_Q8
-        symbols, bits = self.surrogate(residual, parameters, in_layout(self.price, partition))
-        self.bits.append(bits)
-        return symbols * ONE_Q8 + parameters.mean_q8
 
 
 def _zero_through(x: Tensor, mask: Tensor) -> Tensor:

@@ -5,7 +5,9 @@ which is several times faster than coding them in order; the batch's escapes fol
 section 3).
 """
 
+import hashlib
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from functools import cache
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -21,6 +23,17 @@ _EXPONENT_CLASSES = 32
 _HIGHEST_EXPONENT = SYMBOL_LIMIT.bit_length() - 2  # an escape's excess is below 2^20
 
 _Model: TypeAlias = Any  # constriction carries no types
+
+
+def symbol_digest(batches: Iterable[Int[np.ndarray, "..."]]) -> bytes:
+    """Return the 8-byte BLAKE2b digest of all symbols in coding order, as little-endian int32.
+
+    Symbols that are not coded, because they are 0 by rule, are included.
+    """
+    digest = hashlib.blake2b(digest_size=8)
+    for batch in batches:
+        digest.update(np.ascontiguousarray(batch, dtype="<i4").tobytes())
+    return digest.digest()
 
 
 @cache

@@ -71,18 +71,14 @@ class Cameras:
 
     def project(self, points: Float[Tensor, "*grid 3"]) -> Projection:
         """Project points, in the world frame, into all cameras of one scene (no batch dimension)."""
-        local = self._from_world(points)
+        inverse = self.world_to_camera
+        rotated = torch.einsum("vij,...j->v...i", inverse[:, :3, :3], points)
+        local = rotated + inverse[:, :3, 3].view(-1, *(1,) * (points.dim() - 1), 3)
         depth = local[..., 2]
         is_in_front = depth > LEAST_DEPTH * self.near
         uv = to_image(local.reshape(self.num_views, -1, 3), self.intrinsics, is_in_front.reshape(self.num_views, -1))
         uv = uv.view(*depth.shape, 2)
         return Projection(uv, depth, is_in_front & ((uv >= 0) & (uv <= 1)).all(dim=-1))
-
-    def _from_world(self, points: Float[Tensor, "*grid 3"]) -> Float[Tensor, "view *grid 3"]:
-        """Transform points from the world frame to the frame of each camera."""
-        rotated = torch.einsum("vij,...j->v...i", self.world_to_camera[:, :3, :3], points)
-        ones = (1,) * (points.dim() - 1)
-        return rotated + self.world_to_camera[:, :3, 3].view(-1, *ones, 3)
 
     def intrinsics_px(self, height: int, width: int) -> Float[Tensor, "*batch view 3 3"]:
         """Return the intrinsics in pixels for images of this size; pixel centres lie at i + 0.5."""

@@ -10,12 +10,11 @@ from jaxtyping import Float, Int32, UInt8
 from fecocodec.coding.detail import detail_values
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.container import Detail, Header, IntactPart, Stages, check_symbol_digest, decode_stages
-from fecocodec.entropy.digest import symbol_digest
-from fecocodec.entropy.symbol_coders import SymbolReader
+from fecocodec.entropy.symbol_coders import SymbolReader, symbol_digest
 from fecocodec.grid import FEATURES, HYPERLATENTS
 from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
-from fecocodec.runtime.graphs import Graphs, run_by_views
+from fecocodec.runtime.graphs import Graphs, bytes_tensor, run_by_views
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import Decoded, unpack
 
@@ -116,14 +115,17 @@ def decode(
     exported from other weights.
     """
     stream, header = part.stream, part.stream.header
+    height, width = header.grid_size
+    size_32 = (header.num_views, height // HYPERLATENTS, width // HYPERLATENTS)
 
     def advance(stage: int, payload: bytes, before: tuple[LastState, Steps] | None) -> tuple[LastState, Steps]:
         last, context = before or (None, None)
-        steps = _decode_symbols(graphs, header, payload, stage, context)
-        return _advance(graphs, header, steps, last, stage), steps
+        coded = decode_stage(graphs, payload, size_32, header.lambda_q_of_stage(stage), stage, context)
+        check_symbol_digest(header, stage, coded.digest())
+        return _advance(graphs, header, coded.steps, last, stage), coded.steps
 
     def with_detail(detail: Detail, before: tuple[LastState, Steps]) -> tuple[LastState, Steps]:
-        values = detail_values(graphs.bytes_tensor("detail.tables"), detail, header)
+        values = detail_values(bytes_tensor(graphs.weights, "detail.tables"), detail, header)
         return replace(before[0], detail=values), before[1]
 
     (last, _), _, damage = decode_stages(stream, stages, advance, with_detail, on_progress)
@@ -133,15 +135,6 @@ def decode(
     visibility = visibility_of(stream, graphs.kind.gaussians_per_side)
     gaussians = emit(graphs, last, cameras, visibility, config, is_filled)
     return Decoded(gaussians, cameras, (header.height, header.width), last.stage, part.damage or damage)
-
-
-def _decode_symbols(graphs: Graphs, header: Header, payload: bytes, stage: int, context: Steps | None) -> Steps:
-    """Return the values of y. Raises BitstreamError if the payload is not valid or its digest differs."""
-    height, width = header.grid_size
-    size = (header.num_views, height // HYPERLATENTS, width // HYPERLATENTS)
-    coded = decode_stage(graphs, payload, size, header.lambda_q_of_stage(stage), stage, context)
-    check_symbol_digest(header, stage, coded.digest())
-    return coded.steps
 
 
 def _advance(graphs: Graphs, header: Header, steps: Steps, before: LastState | None, stage: int) -> LastState:

@@ -30,11 +30,11 @@ CELLS_AT_ONCE = 2**15  # of the 1/4 grid, in all threads; 16 MiB for a map of 12
 
 
 class Graphs:
-    """Graphs of one model; each is loaded on its first use."""
+    """Graphs of one model; each is loaded on its first use. weights: content of the receiver's weights file."""
 
     def __init__(self, weights: bytes, folder: Path, model_id: bytes, num_threads: int) -> None:
-        """weights: content of the receiver's weights file, to which the graphs refer. num_threads: 0 for all cores."""
-        self._weights, self._folder, self._model_id = weights, folder, model_id.hex()
+        """weights: to which the graphs refer. num_threads: 0 for all cores."""
+        self.weights, self._folder, self._model_id = weights, folder, model_id.hex()
         self.kind = receiver_kind(weights)
         self.num_threads = num_threads or num_cores()
         self._sessions: dict[str, onnxruntime.InferenceSession] = {}
@@ -52,10 +52,6 @@ class Graphs:
         arrays = {key: np.int32(value) if isinstance(value, int) else value for key, value in inputs.items()}
         outputs: list[np.ndarray] = session.run(None, {key: np.asarray(value) for key, value in arrays.items()})
         return outputs
-
-    def bytes_tensor(self, name: str) -> UInt8[np.ndarray, "..."] | None:
-        """Return a tensor of bytes of the weights file; None if it has none of this name."""
-        return bytes_tensor(self._weights, name)
 
     def input_names(self, name: str) -> list[str]:
         """Return the names of a graph's inputs."""
@@ -93,7 +89,7 @@ class Graphs:
         options.intra_op_num_threads = self.num_threads
         options.log_severity_level = 3
         options.enable_cpu_mem_arena = False  # each graph would keep the memory of its largest run
-        options.add_external_initializers_from_files_in_memory([RECEIVER_FILE], [self._weights], [len(self._weights)])
+        options.add_external_initializers_from_files_in_memory([RECEIVER_FILE], [self.weights], [len(self.weights)])
         try:
             session = onnxruntime.InferenceSession(path.read_bytes(), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises several classes that share no base of their own

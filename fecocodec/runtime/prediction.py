@@ -90,15 +90,10 @@ def _attributes(graphs: Graphs, last: LastState, cameras: SceneCameras) -> list[
     attended = _attend(graphs, of_points, poses["extrinsics"])
     maps = {"features": features, "attended": attended, "relative": relative}
     if "detail" in graphs.input_names("attributes"):
-        maps["detail"] = last.detail if last.detail is not None else _no_detail(graphs, last.state)
+        planes = int(graphs.input_shape("attributes", "detail")[1])
+        none = np.zeros((views, planes, height // 2, width // 2), np.float32)
+        maps["detail"] = none if last.detail is None else last.detail
     return run("attributes", {}, **maps)
-
-
-def _no_detail(
-    graphs: Graphs, state: Float32[np.ndarray, "view channel h4 w4"]
-) -> Float32[np.ndarray, "view plane h8 w8"]:
-    planes = int(graphs.input_shape("attributes", "detail")[1])
-    return np.zeros((len(state), planes, state.shape[2] // 2, state.shape[3] // 2), np.float32)
 
 
 def poses_of(cameras: SceneCameras) -> Arrays:

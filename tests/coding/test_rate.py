@@ -9,7 +9,7 @@ import torch
 
 from fecocodec.coding.payload import code_latents, encode_latents
 from fecocodec.coding.priors import EntropyParameters, LatentPrior
-from fecocodec.coding.rate import Softening, _Meter, estimate_latents, rounding, straight_through, uniform_noise
+from fecocodec.coding.rate import Softening, estimate_latents, rounding, straight_through, uniform_noise
 from fecocodec.coding.symbol_choice import PRICES, choose_symbols, price_of_bits, symbol_bits
 from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX
 from fecocodec.entropy.symbol_coders import SymbolCoder
@@ -105,18 +105,12 @@ def test_noise_is_in_the_gradient_and_comes_from_the_generator():
     assert torch.equal(bits, bits_and_slope(straight_through)[0])
 
 
-def skipped_step(values: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    values, position = (tensor.view(1, 1, 1, -1) for tensor in (values, position))  # the layout of z
-    meter = _Meter([values], torch.tensor([0.1]), rounding(straight_through))
-    seen = meter.exchange(0, EntropyParameters(torch.full_like(values, 64.0), position))
-    return seen.flatten(), meter.bits[0].flatten()
-
-
 def test_skipped_elements_cost_nothing_and_are_their_mean():
     values = torch.tensor([0.25, 3.0], requires_grad=True)
     position = torch.full((2,), -2000.0, requires_grad=True)
-    seen, bits = skipped_step(values, position)
-    assert seen.tolist() == [64.0, 64.0] and bits.tolist() == [0.0, 0.0]
+    parameters = EntropyParameters(torch.full((2,), 64.0), position)
+    symbols, bits = rounding(straight_through)(values - 0.25, parameters, torch.tensor(0.1))
+    assert symbols.tolist() == [0.0, 0.0] and bits.tolist() == [0.0, 0.0]
     bits.sum().backward()
     assert position.grad is not None and values.grad is not None
     assert position.grad[1] < 0, "descent widens the table of an element that is far from its mean"

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fecocodec.entropy.digest import symbol_digest
-from fecocodec.entropy.symbol_coders import SymbolReader, SymbolWriter
+from fecocodec.entropy.symbol_coders import SymbolReader, SymbolWriter, symbol_digest
 from fecocodec.entropy.tables import FIRST_CODED_TABLE, SYMBOL_LIMIT, load_tables
 from fecocodec.errors import BitstreamError
 from tests.bitstream_spec.second_reader import read_symbols
