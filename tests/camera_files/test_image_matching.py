@@ -107,7 +107,8 @@ def test_missing_images_are_passed_over_with_one_note(write: Write, missing: str
         assert chosen.notes[0] == note
     named = choose_photographs(folder, views=(3, 2))
     assert (named.names, named.notes) == (("003.png", "002.png"), ())
-    with pytest.raises(InputError, match=f"there is no image .*{missing.removesuffix('.png')}"):
+    place = rf"{missing[:3]}(\.png)?; put it there or leave this view out by `views`\.$"
+    with pytest.raises(InputError, match=f": there is no image {folder}/.*{place}"):
         choose_photographs(folder, views=(int(missing[:3]),))
     with pytest.raises(InputError, match="4 views asked for, but the folder has 3; choose 1 to 3"):
         choose_photographs(folder, views=Spread(4))

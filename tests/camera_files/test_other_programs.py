@@ -48,13 +48,6 @@ def test_cameras_beside_or_above_the_images(write: Callable[..., Path], where: s
     assert_cameras_of_shots(next(path for path in folder.iterdir() if path.suffix in (".json", ".npy")))
 
 
-def test_cameras_that_encode_has_saved_are_found_by_their_usual_name(tmp_path: Path) -> None:
-    folder = write_transforms(tmp_path / "scene", shots(3, **CENTRAL))
-    (folder / "transforms.json").rename(folder / "cameras.json")
-    assert has_cameras(folder)
-    assert_cameras_of_shots(folder)
-
-
 def test_llff_has_bounds_and_needs_one_image_for_each_camera(tmp_path: Path) -> None:
     """Maps beside the images are left out."""
     folder = write_llff(tmp_path / "scene", shots(3, **CENTRAL), bounds=(1.5, 7.5))
@@ -281,11 +274,14 @@ def test_cameras_with_unusual_names_and_places_can_be_given(where: str, tmp_path
     assert choose_photographs(folder / where).names == ("000.png", "001.png", "002.png")
 
 
-def test_a_part_of_a_colmap_model_is_named(tmp_path: Path) -> None:
+def test_a_part_of_a_colmap_model_is_named_and_without_photographs_refused(tmp_path: Path) -> None:
     folder = write_colmap_text(tmp_path / "scene", shots(3))
     (folder / "sparse" / "0" / "images.txt").unlink()
     (note,) = unread_cameras_notes(folder)
     assert note == "sparse/0 has no images.bin or images.txt, and cameras are estimated; export it again."
+    shutil.rmtree(folder / "images")
+    with pytest.raises(InputError, match="no photographs"):
+        choose_photographs(folder)
 
 
 def test_many_files_are_counted_and_those_without_cameras_are_not_named(tmp_path: Path) -> None:
@@ -303,12 +299,3 @@ def test_many_files_are_counted_and_those_without_cameras_are_not_named(tmp_path
     shutil.copy(folder / "images" / "000.png", folder / "cam")
     remarks = choose_photographs(folder).remarks
     assert remarks == ("cameras in camera.jpg.txt are not read; those of transforms.json are used.",)
-
-
-def test_a_part_of_a_colmap_model_without_photographs_is_refused(tmp_path: Path) -> None:
-    folder = write_colmap_text(tmp_path / "scene", shots(3))
-    (folder / "sparse" / "0" / "images.txt").unlink()
-    for image in list(folder.rglob("*.png")):
-        image.unlink()
-    with pytest.raises(InputError, match="no photographs"):
-        choose_photographs(folder)

@@ -166,33 +166,27 @@ def test_other_cameras_farther_down(write: Callable[..., Path], where: str, tmp_
     assert note.startswith(f"cameras in {where}/{file.name} are not looked for, and cameras are estimated; to use them")
 
 
-@pytest.mark.parametrize("file", FURTHER_PROGRAMS.split())
-def test_further_programs(file: str, tmp_path: Path) -> None:
-    write_photographs(tmp_path / "images", shots(2))
-    put(tmp_path / file, "# Bundle file")
-    (note,) = unread_cameras_notes(tmp_path)
-    assert note.startswith(f"cameras in {file}") and note.endswith(
-        f"are not read, and cameras are estimated; {CONVERT}"
-    )
+POSES_UNDER_ANY_NAME = {
+    "00.txt": POSES * 3,
+    "logs/room.txt": "# t x y z\n" + "1.5 1 1 1 0 0 0 1\n" * 2,
+    "list.csv": "file,x,y,z,qx,qy,qz,qw\n" + "000.png,1,1,1,0,0,0,1\n" * 3,
+    "images/000.txt": "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
+    "images/000.json": '{"camera_data": {"cam2world": []}}',
+    "data.jsonl": '{"cameraToWorld": []}\n',
+    "result.npy": np.zeros((3, 4, 4)),
+}
 
 
 @pytest.mark.parametrize(
     ("file", "content"),
-    [
-        ("00.txt", POSES * 3),
-        ("logs/room.txt", "# t x y z\n" + "1.5 1 1 1 0 0 0 1\n" * 2),
-        ("list.csv", "file,x,y,z,qx,qy,qz,qw\n" + "000.png,1,1,1,0,0,0,1\n" * 3),
-        ("images/000.txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"),
-        ("images/000.json", '{"camera_data": {"cam2world": []}}'),
-        ("data.jsonl", '{"cameraToWorld": []}\n'),
-        ("result.npy", np.zeros((3, 4, 4))),
-    ],
+    [*dict.fromkeys(FURTHER_PROGRAMS.split(), "# Bundle file").items(), *POSES_UNDER_ANY_NAME.items()],
 )
-def test_poses_count_under_any_name(file: str, content: object, tmp_path: Path) -> None:
+def test_further_programs_and_poses_under_any_name(file: str, content: object, tmp_path: Path) -> None:
     write_photographs(tmp_path / "images", shots(3))
     put(tmp_path / file, content)
     (note,) = unread_cameras_notes(tmp_path)
-    assert note.startswith(f"cameras in {file} are not read")
+    assert note.startswith(f"cameras in {file}")
+    assert note.endswith(f"are not read, and cameras are estimated; {CONVERT}")
 
 
 def test_what_lies_beside_photographs_without_cameras_is_quiet(tmp_path: Path) -> None:

@@ -29,17 +29,6 @@ def test_stages_that_are_coded_apart_do_not_see_each_other():
     assert found[False][0] != found[False][1] and found[True][0] == found[True][1]
 
 
-@pytest.mark.parametrize("views", [1, 2, 5])
-def test_both_stages_round_trip(views: int):
-    prior, size = lively_prior(), (views, 8, 12)
-    y, z = smooth_latents(*size)
-    context = None
-    for stage in (1, 2):
-        payload, sent = encode_latents(prior, y, z, 700, stage, context)
-        assert_same(sent, decode_latents(prior, payload, size, 700, stage, context))
-        context = sent.y_hat
-
-
 @pytest.mark.parametrize(("price", "most_off"), [(0.0, 0.5), (0.2, 1.5)])
 def test_coded_elements_are_off_by_little_and_skipped_ones_are_their_mean(
     price: float, most_off: float, monkeypatch: pytest.MonkeyPatch

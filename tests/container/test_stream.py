@@ -1,4 +1,4 @@
-"""Round trip of streams, prefixes, newer minor versions, and the overhead of the container."""
+"""Round trip of streams, prefixes, and what is intact of damaged ones."""
 
 import subprocess
 import sys
@@ -9,7 +9,6 @@ from hypothesis import given, settings
 
 from fecocodec.container import (
     Detail,
-    FormatVersion,
     Stream,
     list_sections,
     read_intact,
@@ -18,9 +17,8 @@ from fecocodec.container import (
     with_metadata,
     write_stream,
 )
-from fecocodec.container.cameras import pack_cameras
 from fecocodec.errors import BitstreamError, InputError
-from tests.container.example_streams import DETAIL, example_stream, sealed_header, sealed_section, streams
+from tests.container.example_streams import example_stream, streams
 from tests.container.faulty_streams import EXAMPLE, GOOD
 
 # The run-time type checks use `random` to pick elements, also while a strategy builds a stream.
@@ -39,45 +37,6 @@ def test_a_stream_is_read_back_as_written_and_a_prefix_ends_after_its_payload(st
         assert all(read_prefix(part, number) == expected for part in (data, data[:end], data[:end] + b"anything"))
         with pytest.raises(BitstreamError):
             read_prefix(data[: end - 1], number)
-
-
-OPTIONAL = {
-    "coverage": bytes(1792),
-    "fading": bytes(224),
-    "detail": Detail(3, b"detail"),
-    "metadata": example_stream().metadata,
-}
-
-
-@pytest.mark.parametrize(
-    ("num_stages", "optional", "overhead"),
-    [
-        (2, (), 75),
-        (1, (), 58),
-        (2, ("metadata",), 84),
-        (2, ("fading",), 84),
-        (1, ("detail",), 67),
-        (2, tuple(OPTIONAL), 111),
-    ],
-)
-def test_header_and_sections_cost_what_the_specification_says(
-    num_stages: int, optional: tuple[str, ...], overhead: int
-) -> None:
-    full = example_stream()
-    header = replace(full.header, symbol_digests=full.header.symbol_digests[:num_stages])
-    stream = Stream(header, full.cameras, full.payloads[:num_stages])
-    data = write_stream(replace(stream, **{name: OPTIONAL[name] for name in optional}))
-    content = len(pack_cameras(full.cameras)) + sum(map(len, full.payloads[:num_stages]))
-    content += sum(section.length for section in list_sections(data) if section.name in optional)
-    assert len(data) - content == overhead
-
-
-def test_a_newer_minor_version_with_unknown_sections_is_read() -> None:
-    early, late = sealed_section(0x11, b"new and skippable"), sealed_section(0x7F, b"")
-    header = sealed_header(example_stream().header, minor=9, sections=5)
-    stream = read_stream(header + EXAMPLE.cameras + early + EXAMPLE.b1 + EXAMPLE.b2 + late)
-    expected = example_stream()
-    assert stream == replace(expected, header=replace(expected.header, version=FormatVersion(2, 9)), metadata=None)
 
 
 def test_asking_for_a_stage_that_is_not_there_is_refused() -> None:
@@ -124,10 +83,7 @@ def test_what_is_intact_is_read(data: bytes, intact: Stream | None, damage: str 
     assert damage is None or (damage in part.damage and "`stages" not in part.damage)
 
 
-def test_detail_lies_behind_the_last_stage_as_a_step_and_a_payload() -> None:
-    data = write_stream(WITH_DETAIL)
-    assert data[EXAMPLE.end : DETAIL_END] == sealed_section(DETAIL, b"\x18fine")
-    assert read_stream(data) == WITH_DETAIL
+def test_metadata_is_added_behind_detail() -> None:
     data = with_metadata(write_stream(replace(WITH_DETAIL, metadata=None)), {"name": "fox"})
     assert read_stream(data) == replace(WITH_DETAIL, metadata={"name": "fox"})
 

@@ -20,7 +20,6 @@ def test_cameras_are_inverted_and_selected() -> None:
     cameras = example_cameras(5)
     product = cameras.world_to_camera @ cameras.extrinsics
     torch.testing.assert_close(product, torch.eye(4).expand(5, 4, 4), atol=1e-6, rtol=0)
-    cameras = example_cameras(4)
     chosen = cameras.select([2, 0])
     assert chosen.num_views == 2
     assert torch.equal(chosen.extrinsics[0], cameras.extrinsics[2])
@@ -74,7 +73,6 @@ def test_cameras_between_neighbours() -> None:
     cameras = example_cameras(2)
     assert cameras_between(cameras.select([0])) is None
     assert cameras_between(cameras.select([1, 1])) is None
-    cameras = example_cameras(2)
     between = cameras_between(cameras)
     assert between is not None and between.num_views == 1
     first, second, middle = *cameras.extrinsics, between.extrinsics[0]

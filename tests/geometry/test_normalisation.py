@@ -36,13 +36,10 @@ def test_near_is_one_on_the_grid_of_the_specification_wherever_the_origin_is() -
     torch.testing.assert_close(normalised.far, cameras.far / cameras.near, atol=0, rtol=2.0**-11)
     torch.testing.assert_close(normalised.extrinsics[:, :3, 3].mean(dim=0), torch.zeros(3), atol=2.0**-14, rtol=0)
     assert torch.equal(normalised.extrinsics[:, :3, :3], cameras.extrinsics[:, :3, :3])
-    cameras = example_cameras(4)
-    normalised, _ = normalise_scene(cameras)
     centres = 2.0**13 * normalised.extrinsics[:, :3, 3]
     assert torch.equal(centres, centres.round())
     mantissa, _ = torch.frexp(normalised.far)
     assert float(2.0**11 * mantissa) == round(float(2.0**11 * mantissa))
-    cameras = example_cameras(4)
     extrinsics = cameras.extrinsics.clone()
     extrinsics[:, :3, 3] = (extrinsics[:, :3, 3] * 8).round() / 8  # so that sums with 1e6 are exact in float32
     here, far_off = replace(cameras, extrinsics=extrinsics), replace(cameras, extrinsics=extrinsics.clone())

@@ -91,11 +91,6 @@ def test_files_without_one_colour_are_refused(channels, sentence, tmp_path):
     assert str(caught.value) == f"{path}: {sentence}"
 
 
-def test_normals_are_no_colours(tmp_path):
-    store(tmp_path / "a.exr", NORMALS | {f"Layer.{kind}": PLANE for kind in "RGB"})
-    assert colour_layer(tmp_path / "a.exr") == "Layer"
-
-
 def with_window(path, width: int, height: int) -> None:
     """Change the size in the header of a stored file; its few pixels stay as they are."""
     data = path.read_bytes()
@@ -168,6 +163,8 @@ def test_the_colours_of_a_layer_or_another_part_are_read(tmp_path):
     OpenEXR.File([depth, OpenEXR.Part(dict(HEADER), grey, "picture")]).write(str(tmp_path / "parts.exr"))
     assert colour_layer(tmp_path / "parts.exr") == "picture"
     assert read_exr(tmp_path / "parts.exr").colour[0, 0, 0].item() == pytest.approx(0.4614, abs=1e-4)
+    store(tmp_path / "normals.exr", NORMALS | {f"Layer.{kind}": PLANE for kind in "RGB"})
+    assert colour_layer(tmp_path / "normals.exr") == "Layer"
     store(tmp_path / "plain.exr", grey)
     assert colour_layer(tmp_path / "plain.exr") == ""
 

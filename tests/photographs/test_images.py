@@ -4,6 +4,7 @@ import os
 import struct
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -155,16 +156,19 @@ def test_decoders_that_print_or_break_lines_give_one_sentence(tmp_path, capfd):
 
 
 @pytest.mark.parametrize(
-    ("is_folder", "sentence"),
+    ("make", "sentence"),
     [
-        (False, "no such image; put it there or leave its view out."),
-        (True, "cannot be read (Is a directory); check the path and its permissions."),
+        (lambda path: None, "no such image; put it there or leave its view out."),
+        (Path.mkdir, "cannot be read (Is a directory); check the path and its permissions."),
+        (
+            lambda path: path.write_text("this is no image"),
+            "the image is damaged, cut short or of a kind that is not read; store it again or remove it.",
+        ),
     ],
 )
-def test_what_the_system_refuses_is_not_called_damage(is_folder, sentence, tmp_path):
+def test_what_the_system_refuses_is_not_called_damage(make, sentence, tmp_path):
     path = tmp_path / "image.png"
-    if is_folder:
-        path.mkdir()
+    make(path)
     with pytest.raises(InputError) as caught:
         read_image(path)
     assert str(caught.value) == f"{path}: {sentence}"

@@ -32,8 +32,8 @@ Coefficients that a stream does not have are 0. A Gaussian more or less shifts a
 
 def readme(expected: dict[str, Any]) -> str:
     lines = [_HEAD]
-    for folder, what in (("valid", "what it breaks"), ("uncommon", "what it breaks")):
-        lines += [f"\n## {folder}/\n\n| file | {what} |\n|---|---|\n"]
+    for folder in ("valid", "uncommon"):
+        lines += [f"\n## {folder}/\n\n| file | what it breaks |\n|---|---|\n"]
         lines += [
             f"| {name.partition('/')[2]} | {entry['breaks']} |\n"
             for name, entry in expected["good"].items()

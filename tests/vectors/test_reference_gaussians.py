@@ -13,6 +13,7 @@ from tests.vectors.tiny_model import VECTORS
 
 SCENES = sorted(VECTORS.glob("valid/scene-*.fcs"))
 PAIR = VECTORS / "valid" / f"scene-{DEFAULT_MODEL}.fcs"
+DATA, ROWS = PAIR.read_bytes(), read_samples(PAIR.with_suffix(".f32"))
 
 
 @pytest.mark.parametrize("path", [*SCENES, VECTORS / PAPER_STREAM], ids=lambda path: path.stem)
@@ -31,52 +32,43 @@ def test_the_specification_bounds_everything_that_is_measured(kind: str) -> None
 
 
 def test_the_same_gaussians_are_matched() -> None:
-    data = PAIR.read_bytes()
-    rows = read_samples(PAIR.with_suffix(".f32"))
-    fewer = torch.cat((rows[:10], rows[11:300], rows[301:]))
-    one, other = matched(data, rows, fewer)
+    fewer = torch.cat((ROWS[:10], ROWS[11:300], ROWS[301:]))
+    one, other = matched(DATA, ROWS, fewer)
     assert torch.equal(one, other) and torch.equal(other, fewer)
-    one, other = matched(data, fewer, rows)
+    one, other = matched(DATA, fewer, ROWS)
     assert torch.equal(one, fewer) and torch.equal(other, fewer)
-    data = PAIR.read_bytes()
-    rows = read_samples(PAIR.with_suffix(".f32"))
-    here, there = torch.cat((rows[:10], rows[11:])), torch.cat((rows[:300], rows[301:]))
-    one, other = matched(data, here, there)
-    assert torch.equal(one, other) and len(one) == len(rows) - 2
+    here, there = torch.cat((ROWS[:10], ROWS[11:])), torch.cat((ROWS[:300], ROWS[301:]))
+    one, other = matched(DATA, here, there)
+    assert torch.equal(one, other) and len(one) == len(ROWS) - 2
 
 
 def test_what_moved_is_noticed_but_for_one_colour_of_a_thousand() -> None:
-    data = PAIR.read_bytes()
-    rows = read_samples(PAIR.with_suffix(".f32"))
-    moved = rows.clone()
+    moved = ROWS.clone()
     moved[7, :3] *= 1.1
     moved[:, 11:14] += 0.05
-    difference = without_rendering(data, rows, moved)
+    difference = without_rendering(DATA, ROWS, moved)
     assert difference.position_peak > 0.03 and difference.position_rms < difference.position_peak
     assert beyond(difference, "full") == ["position_rms", "position_peak", "colour_rms", "colour_peak"]
     assert difference.colour_rms == pytest.approx(0.0141, rel=0.01)
-    leaning = rows.clone()
+    leaning = ROWS.clone()
     leaning[:, 14:] += 0.1
-    assert without_rendering(data, rows, leaning).colour_rms > 0.01
-    data = PAIR.read_bytes()
-    rows = read_samples(PAIR.with_suffix(".f32")).repeat(2, 1)
+    assert without_rendering(DATA, ROWS, leaning).colour_rms > 0.01
+    rows = ROWS.repeat(2, 1)
     assert 1000 <= len(rows) < 2000
     other = rows.clone()
     other[7, 11:] += 0.1
-    assert without_rendering(data, rows, other).colour_peak == 0.0
+    assert without_rendering(DATA, rows, other).colour_peak == 0.0
     other[8, 11:] += 0.1
-    assert without_rendering(data, rows, other).colour_peak > 0.01
+    assert without_rendering(DATA, rows, other).colour_peak > 0.01
 
 
 @pytest.mark.parametrize("depth", [10.0, 1000.0])
 def test_rounding_of_inverse_depth_is_the_same_at_all_depths(depth: float) -> None:
-    data = PAIR.read_bytes()
-    rows = read_samples(PAIR.with_suffix(".f32"))
-    cameras = unpack(read_stream(data).cameras)
+    cameras = unpack(read_stream(DATA).cameras)
     centre, forward = cameras.extrinsics[0, :3, 3].double(), cameras.extrinsics[0, :3, 2].double()
     tables = []
     for inverse in (1.0 / depth, 1.0 / depth + 1e-5):  # in units of 1 / near
-        tables.append(rows.double())
+        tables.append(ROWS.double())
         tables[-1][7, :3] = centre + forward * cameras.near.double() / inverse
-    found = without_rendering(data, *tables)
+    found = without_rendering(DATA, *tables)
     assert found.position_peak == pytest.approx(1e-5, rel=0.05)
