@@ -60,7 +60,10 @@ def _rows(path: Path) -> Float[np.ndarray, "image 17"]:
 
 def _images(path: Path, count: int) -> MatchedImages:
     """Return the first folder with one image for each camera."""
-    found = [(folder, sorted(_images_in(folder))) for folder, _ in image_folders([path.parent / "images", path.parent])]
+    found = list[tuple[Path, list[Path]]]()
+    for folder, _ in image_folders([path.parent / "images", path.parent]):
+        images = {file for file in folder.iterdir() if has_image_name(file)} if folder.is_dir() else set[Path]()
+        found.append((folder, sorted(images - maps_among(images))))
     fitting = next(((folder, files) for folder, files in found if len(files) == count), None)
     if fitting is None:
         sizes = ", ".join(f"{len(files)} in {folder}" for folder, files in found if files) or "none"
@@ -72,11 +75,6 @@ def _images(path: Path, count: int) -> MatchedImages:
     is_usual = folder in (path.parent / "images", path.parent)
     remarks = () if is_usual else (f"the images of {path.name} are taken from {folder.name}.",)
     return MatchedImages(tuple(file.name for file in files), tuple(files), 1, remarks)
-
-
-def _images_in(folder: Path) -> set[Path]:
-    images = {file for file in folder.iterdir() if has_image_name(file)} if folder.is_dir() else set[Path]()
-    return images - maps_among(images)
 
 
 def _photograph(row: Float[np.ndarray, "17"], image: Path, place: str) -> PosedPhotograph:

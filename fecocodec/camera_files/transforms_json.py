@@ -87,29 +87,32 @@ def read_transforms_json(path: Path) -> PosedPhotographs:
         what = 'no list "frames", but an object of this name' if isinstance(frames, dict) and frames else "no frames"
         raise InputError(f'{path}: {what}; add a list "frames" with one camera per image.')
     images = match_images(path, [_name(frame) for frame in frames], [path.parent])
+    places = [
+        f"{path}, frame {index}" + (f" ({_name(frame)})" if _is_named(frame) else "")
+        for index, frame in enumerate(frames)
+    ]
     cameras = [
-        (_place(path, index, frame), partial(_photograph, mask, scene, frame, images.reduction))
-        for index, (frame, mask) in enumerate(zip(frames, _masks(path, frames, images), strict=True))
+        (place, partial(_photograph, mask, scene, frame, images.reduction))
+        for place, frame, mask in zip(places, frames, _masks(path, frames, images), strict=True)
     ]
     near, far = (None if scene.get(key) is None else _number(scene, key, str(path)) for key in ("near", "far"))
     return PosedPhotographs(path, photographs_of(images, cameras), near, far, images.remarks)
 
 
 def _masks(path: Path, frames: list[Any], images: MatchedImages) -> list[Path | None]:
-    """Return the masks that frames name, found as images are, but never a photograph in place of a mask."""
+    """Return the masks that frames name, found as images are, but never a photograph in place of a mask.
+
+    That of reduced photographs is taken (`masks_2`) if there is only that one.
+    """
     names = [_name(frame, "mask_path") for frame in frames]
     found = match_images(path, names, [path.parent]).paths if any(names) else [path] * len(names)
-    named = [
-        path.parent / name.replace("\\", "/") if mask in images.paths else mask
-        for name, mask in zip(names, found, strict=True)
-    ]
-    return [_mask(mask, images.reduction) if name else None for name, mask in zip(names, named, strict=True)]
-
-
-def _mask(named: Path, reduction: int) -> Path:
-    """Return a mask, that of reduced photographs (`masks_2`) if there is only that one."""
-    reduced = named.parent.with_name(f"{named.parent.name}_{reduction}") / named.name
-    return reduced if os.path.isfile(reduced) and not os.path.isfile(named) else named
+    masks = list[Path | None]()
+    for name, mask in zip(names, found, strict=True):
+        named = path.parent / name.replace("\\", "/") if mask in images.paths else mask
+        reduced = named.parent.with_name(f"{named.parent.name}_{images.reduction}") / named.name
+        is_reduced = os.path.isfile(reduced) and not os.path.isfile(named)
+        masks.append((reduced if is_reduced else named) if name else None)
+    return masks
 
 
 def _name(frame: object, key: str = "file_path") -> str:
@@ -119,10 +122,6 @@ def _name(frame: object, key: str = "file_path") -> str:
 
 def _is_named(frame: object) -> bool:
     return isinstance(frame, dict) and isinstance(frame.get("file_path"), str)
-
-
-def _place(path: Path, index: int, frame: object) -> str:
-    return f"{path}, frame {index}" + (f" ({_name(frame)})" if _is_named(frame) else "")
 
 
 def _photograph(

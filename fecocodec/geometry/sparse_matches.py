@@ -42,7 +42,7 @@ def corners_of(
 def find_corners(image: Float[Tensor, "3 height width"], ignored: Bool[Tensor, "height width"] | None) -> Corners:
     """Return the strongest corners of an image. ignored: pixels without corners."""
     grey = small(image.mean(dim=0, keepdim=True))
-    rows, columns = _gradients(_smoothed(grey, 1))
+    rows, columns = torch.gradient(_smoothed(grey, 1), dim=(2, 3))  # down and to the right
     strength = _smaller_eigenvalue(rows, columns)
     if ignored is not None:
         is_ignored = F.interpolate(ignored[None, None].float(), grey.shape[-2:], mode="nearest") > 0
@@ -81,12 +81,6 @@ def alike(first: Corners, second: Corners) -> tuple[Int[Tensor, " match"], Int[T
     is_mutual = angles.argmin(dim=0)[index[:, 0]] == torch.arange(len(angles))
     is_match = is_mutual & (nearest[:, 0] < _MOST_RATIO * nearest[:, 1])
     return is_match.nonzero()[:, 0], index[is_match, 0]
-
-
-def _gradients(grey: Float[Tensor, "1 1 h w"]) -> tuple[Float[Tensor, "1 1 h w"], Float[Tensor, "1 1 h w"]]:
-    """Return central differences, down and to the right."""
-    rows, columns = torch.gradient(grey, dim=(2, 3))
-    return rows, columns
 
 
 def _smaller_eigenvalue(rows: Float[Tensor, "1 1 h w"], columns: Float[Tensor, "1 1 h w"]) -> Float[Tensor, "1 1 h w"]:

@@ -26,7 +26,13 @@ def decode_sixteen_bits(
     is damaged or not of the image's kind changes nothing. The caller must bound the number of pixels.
     Raises InputError, which begins with `place`, if imagecodecs is missing or the image is damaged.
     """
-    imagecodecs = _imagecodecs(place)
+    try:
+        import imagecodecs
+    except ImportError as error:
+        raise InputError(
+            f"{place}: a PNG with 16 bits per channel needs the package imagecodecs; run {installation('png16')}, "
+            "or store it with 8 bits."
+        ) from error
     try:
         samples = imagecodecs.png_decode(data)
     except imagecodecs.PngError as error:
@@ -50,14 +56,3 @@ def _in_srgb(
     except imagecodecs.CmsError:
         return samples
     return np.concatenate((converted, samples[..., count:]), axis=2)
-
-
-def _imagecodecs(place: str) -> ModuleType:
-    try:
-        import imagecodecs
-    except ImportError as error:
-        raise InputError(
-            f"{place}: a PNG with 16 bits per channel needs the package imagecodecs; run {installation('png16')}, "
-            "or store it with 8 bits."
-        ) from error
-    return imagecodecs

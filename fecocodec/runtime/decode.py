@@ -1,11 +1,11 @@
 """Decode the stages of a `.fcs` stream to Gaussians without torch."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int32, UInt8
+from jaxtyping import Int32, UInt8
 
 from fecocodec.coding.detail import detail_values
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
@@ -14,7 +14,7 @@ from fecocodec.entropy.symbol_coders import SymbolReader, symbol_digest
 from fecocodec.grid import FEATURES, HYPERLATENTS
 from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
-from fecocodec.runtime.graphs import Graphs, bytes_tensor, run_by_views
+from fecocodec.runtime.graphs import Arrays, Graphs, bytes_tensor, run_by_views
 from fecocodec.runtime.prediction import LastState
 from fecocodec.runtime.scene import Decoded, unpack
 
@@ -37,35 +37,6 @@ class StageLatents:
         return symbol_digest(self.symbols)
 
 
-class _Batches:
-    """Reads batches of symbols and dequantises them."""
-
-    def __init__(self, payload: bytes) -> None:
-        self.reader = SymbolReader(payload)
-        self.symbols: list[np.ndarray] = []
-
-    def read(self, mean: Int32[np.ndarray, "*shape"], table: UInt8[np.ndarray, "*shape"]) -> np.ndarray:
-        """Return the values 256 symbol + mean of the next batch."""
-        self.symbols.append(self.reader.exchange(table, None))
-        return self.symbols[-1] * np.int32(ONE_Q8) + mean
-
-
-class _ByViews:
-    """Runs graphs of the entropy model on a few views at a time; views are the second axis of their outputs."""
-
-    def __init__(self, graphs: Graphs, size_32: tuple[int, int, int]) -> None:
-        self._graphs = graphs
-        cells = HYPERLATENTS // FEATURES
-        self._grid = (size_32[0], cells * size_32[1], cells * size_32[2])
-
-    def run(self, name: str, inputs_of: Callable[[slice], dict[str, Any]]) -> list[np.ndarray]:
-        return run_by_views(self._graphs, name, self._grid, inputs_of, axis=1)
-
-    def run_on(self, name: str, values: dict[str, np.ndarray]) -> list[np.ndarray]:
-        """Run a graph on arrays whose second axis is the view."""
-        return self.run(name, lambda group: {key: of_views[:, group] for key, of_views in values.items()})
-
-
 def decode_stage(
     graphs: Graphs, payload: bytes, size_32: tuple[int, int, int], lambda_q: int, stage: int, context: Steps | None
 ) -> StageLatents:
@@ -75,35 +46,36 @@ def decode_stage(
     None. Raises BitstreamError for a payload that is not valid. A damaged payload can decode without an error, so the
     caller must compare `digest()` with the stored digest.
     """
-    batches = _Batches(payload)
+    reader, symbols = SymbolReader(payload), list[np.ndarray]()
+
+    def read(mean: Int32[np.ndarray, "*shape"], table: UInt8[np.ndarray, "*shape"]) -> np.ndarray:
+        """Return the values 256 symbol + mean of the next batch."""
+        symbols.append(reader.exchange(table, None))
+        return symbols[-1] * np.int32(ONE_Q8) + mean
+
     mean, table = graphs.run("hyper", lambda_q=lambda_q, stage=stage)
-    z_hat = batches.read(*(np.ascontiguousarray(np.broadcast_to(x, (*size_32, x.size))) for x in (mean, table)))
+    z_hat = read(*(np.ascontiguousarray(np.broadcast_to(x, (*size_32, x.size))) for x in (mean, table)))
     around = {} if context is None else {f"context_{number}": step for number, step in enumerate(context)}
-    by_views = _ByViews(graphs, size_32)
+    cells = HYPERLATENTS // FEATURES
+    run = partial(run_by_views, graphs, grid=(size_32[0], cells * size_32[1], cells * size_32[2]), axis=1)
+
+    def run_on(name: str, values: Arrays) -> list[np.ndarray]:
+        """Run a graph on arrays whose second axis is the view."""
+        return run(name, inputs_of=lambda group: {key: of_views[:, group] for key, of_views in values.items()})
 
     def inputs_of(group: slice) -> dict[str, Any]:
         return {"lambda_q": lambda_q, "z_hat": z_hat[group]} | {key: step[:, group] for key, step in around.items()}
 
-    features, *parameters = by_views.run(f"features_{stage}", inputs_of)
-    steps = _decode_y(by_views, batches, features, parameters)
-    batches.reader.finish()
-    return StageLatents(tuple(batches.symbols), z_hat, steps)
-
-
-def _decode_y(
-    by_views: _ByViews, batches: _Batches, features: Float[np.ndarray, "..."], parameters: list[np.ndarray]
-) -> Steps:
-    """Decode the three passes of step 0, then steps 1 to 3. parameters: of the first pass."""
-    passes = {"features": features, "pass_0": batches.read(*parameters)}
+    features, *parameters = run(f"features_{stage}", inputs_of=inputs_of)
+    passes = {"features": features, "pass_0": read(*parameters)}  # of step 0
     for number in (1, 2):
-        parameters = by_views.run_on(f"pass_{number}", passes)
-        passes[f"pass_{number}"] = batches.read(*parameters)
-    first, *parameters = by_views.run_on("step_1", passes)
-    steps = {"features": features, "step_0": first, "step_1": batches.read(*parameters)}
+        passes[f"pass_{number}"] = read(*run_on(f"pass_{number}", passes))
+    first, *parameters = run_on("step_1", passes)
+    steps = {"features": features, "step_0": first, "step_1": read(*parameters)}
     for number in (2, 3):
-        parameters = by_views.run_on(f"step_{number}", steps)
-        steps[f"step_{number}"] = batches.read(*parameters)
-    return tuple(steps[f"step_{number}"] for number in range(4))
+        steps[f"step_{number}"] = read(*run_on(f"step_{number}", steps))
+    reader.finish()
+    return StageLatents(tuple(symbols), z_hat, tuple(steps[f"step_{number}"] for number in range(4)))
 
 
 def decode(

@@ -136,46 +136,31 @@ def run_by_views(
     """Run a graph on groups of views and return its outputs.
 
     grid: views, rows and columns of the 1/4 grid. inputs_of: returns the inputs of a group of views. axis: of the views
-    in the outputs. Groups are run in parallel if every thread can have one, else one after another.
+    in the outputs, which can have several entries for each view. Groups are run in parallel if every thread can have
+    one, else one after another.
     """
     groups, is_parallel = groups_of_views(grid, graphs.num_threads)
-    outputs = _Outputs(grid[0], axis)
+    if len(groups) == 1:
+        return graphs.run(name, **inputs_of(groups[0]))
+    outputs, making, before = list[np.ndarray](), Lock(), (slice(None),) * axis
 
     def run(graphs: Graphs, group: slice) -> None:
-        outputs.insert(group, graphs.run(name, **inputs_of(group)))
+        """Copy the outputs of a group into those of all views, so that they are freed soon."""
+        parts = graphs.run(name, **inputs_of(group))
+        per_view = [part.shape[axis] // (group.stop - group.start) for part in parts]
+        with making:
+            for part, count in zip(parts, per_view, strict=True) if not outputs else ():
+                shape = (*part.shape[:axis], count * grid[0], *part.shape[axis + 1 :])
+                outputs.append(np.empty(shape, part.dtype))
+        for whole, part, count in zip(outputs, parts, per_view, strict=True):
+            whole[*before, group.start * count : group.stop * count] = part
 
     if is_parallel:
         graphs.map(run, groups)
     else:
         for group in groups:
             run(graphs, group)
-    return outputs.arrays
-
-
-class _Outputs:
-    """Outputs of all views, into which each thread copies those of its group, so that these are freed soon."""
-
-    def __init__(self, num_views: int, axis: int) -> None:
-        self.arrays: list[np.ndarray] = []
-        self._num_views, self._axis, self._making = num_views, axis, Lock()
-
-    def insert(self, group: slice, parts: list[np.ndarray]) -> None:
-        """Insert the outputs of a group. Their axis of views can have several entries for each view."""
-        if group == slice(0, self._num_views):
-            self.arrays = parts
-            return
-        num_views, before = group.stop - group.start, (slice(None),) * self._axis
-        with self._making:
-            if not self.arrays:
-                self.arrays = [self._empty(part, part.shape[self._axis] // num_views) for part in parts]
-        for whole, part in zip(self.arrays, parts, strict=True):
-            per_view = part.shape[self._axis] // num_views
-            whole[*before, group.start * per_view : group.stop * per_view] = part
-
-    def _empty(self, part: np.ndarray, per_view: int) -> np.ndarray:
-        shape = list(part.shape)
-        shape[self._axis] = self._num_views * per_view
-        return np.empty(shape, part.dtype)
+    return outputs
 
 
 def groups_of_views(grid: tuple[int, int, int], num_threads: int) -> tuple[list[slice], bool]:
