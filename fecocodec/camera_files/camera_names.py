@@ -3,7 +3,7 @@
 import os
 import re
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -62,7 +62,8 @@ def walk(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
 def has_camera_name(path: Path) -> bool:
     """Return whether the name of a file or folder, or of an array in it, is one that cameras have."""
     if path.is_dir():
-        return _is_called(path.name, is_text=False) and any(map(_may_hold_data, _below(path)))
+        below = (file for pattern in ("*", "*/*") for file in path.glob(pattern) if not has_image_name(file))
+        return _is_called(path.name, is_text=False) and any(map(_may_hold_data, below))
     if not _may_hold_data(path):
         return False
     suffix = path.suffix.lower()
@@ -100,10 +101,6 @@ def _is_called(name: str, *, is_text: bool) -> bool:
 
 def _may_hold_data(path: Path) -> bool:
     return path.suffix.lower() in _TEXTS | _OTHERS and path.is_file()
-
-
-def _below(folder: Path) -> Iterable[Path]:
-    return (path for pattern in ("*", "*/*") for path in folder.glob(pattern) if not has_image_name(path))
 
 
 def _is_table_of_poses(text: str, count: int) -> bool:

@@ -1,6 +1,5 @@
 """Find and read the cameras of a scene folder, in any supported format."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -131,7 +130,8 @@ def _elsewhere(folder: Path, cameras: list[Path]) -> str:
 
     cameras: files in folders below, whose images are missing.
     """
-    found = sorted({path.parent for depth in ("*/*", "*/*/*", "*/*/*/*") for path in _images_at(folder, depth)})
+    images = (path for depth in ("*/*", "*/*/*", "*/*/*/*") for path in folder.glob(depth) if has_image_name(path))
+    found = sorted({path.parent for path in images if not path.parent.name.startswith(".")})
     unread = unread_cameras(folder, set(cameras))
     but = f", but cameras in {unread} are not read: to use them, {CONVERT}" if unread else ""
     if cameras:
@@ -144,10 +144,6 @@ def _elsewhere(folder: Path, cameras: list[Path]) -> str:
         f"no photographs found here, but in {len(found)} folders below; give one of them, as {found[0]}, or put all "
         f"photographs of the scene into one folder{but}."
     )
-
-
-def _images_at(folder: Path, pattern: str) -> Iterator[Path]:
-    return (path for path in folder.glob(pattern) if has_image_name(path) and not path.parent.name.startswith("."))
 
 
 def _files(folder: Path) -> list[Path]:

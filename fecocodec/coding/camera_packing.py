@@ -5,6 +5,7 @@ import torch
 from fecocodec.container import PackedCameras
 from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.geometry.gaussian_arrays import SceneCameras
 
 LARGEST_SKEW = 1e-6  # in image widths; smaller values are rounding errors
 
@@ -28,11 +29,4 @@ def pack(cameras: Cameras) -> PackedCameras:
 
 def unpack(packed: PackedCameras) -> Cameras:
     """Invert `pack` exactly; returns float32 tensors on the CPU."""
-    views = packed.num_views
-    extrinsics = torch.eye(4).repeat(views, 1, 1)
-    extrinsics[:, :3] = torch.tensor(packed.extrinsics).view(views, 3, 4)
-    intrinsics = torch.eye(3).repeat(views, 1, 1)
-    focal_x, focal_y, centre_x, centre_y = torch.tensor(packed.intrinsics).unbind(dim=1)
-    intrinsics[:, 0, 0], intrinsics[:, 1, 1] = focal_x, focal_y
-    intrinsics[:, 0, 2], intrinsics[:, 1, 2] = centre_x, centre_y
-    return Cameras(extrinsics, intrinsics, torch.tensor(packed.near), torch.tensor(packed.far))
+    return Cameras.of(SceneCameras.of_rows(packed.extrinsics, packed.intrinsics, packed.near, packed.far))

@@ -1,8 +1,8 @@
 """Summary of a stream, intact or damaged: its fields, its sections and their sizes."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
-from fecocodec.container.cameras import PackedCameras
 from fecocodec.container.header import Header
 from fecocodec.container.header_bytes import read_header
 from fecocodec.container.metadata import Metadata
@@ -60,7 +60,10 @@ def inspect(data: bytes) -> StreamSummary:
         stream, damage = read_stream(data), None
     except BitstreamError as error:
         stream, damage = None, str(error)
-    cameras = stream.cameras if stream else _intact_cameras(data)
+    cameras = stream.cameras if stream else None
+    if stream is None:
+        with suppress(BitstreamError):
+            cameras = read_packed_cameras(data)
     return StreamSummary(
         header=header,
         total_bytes=len(data),
@@ -89,7 +92,11 @@ def list_sections(data: bytes) -> tuple[SectionSummary, ...]:
             head = read_section_head(data, offset)
         except BitstreamError:
             break  # the file ends here or the length is invalid, so later sections cannot be located
-        sections.append(SectionSummary(head.name, offset, head.length, _is_intact(data, offset)))
+        is_intact = False
+        with suppress(BitstreamError):
+            read_payload(data, head)
+            is_intact = True
+        sections.append(SectionSummary(head.name, offset, head.length, is_intact))
         offset = head.end
     return tuple(sections)
 
@@ -99,18 +106,3 @@ def _covered(stream: Stream) -> float | None:
         return None
     views, rows, columns = COVERAGE_CELLS.shape(stream.header)
     return int.from_bytes(stream.coverage, "big").bit_count() / (views * rows * columns)
-
-
-def _intact_cameras(data: bytes) -> PackedCameras | None:
-    try:
-        return read_packed_cameras(data)
-    except BitstreamError:
-        return None
-
-
-def _is_intact(data: bytes, offset: int) -> bool:
-    try:
-        read_payload(data, read_section_head(data, offset))
-    except BitstreamError:
-        return False
-    return True

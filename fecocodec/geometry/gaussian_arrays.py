@@ -1,5 +1,6 @@
 """3D Gaussians and cameras as NumPy arrays, for the decoder and the writers of files that run without torch."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +55,16 @@ class SceneCameras:
     intrinsics: Float32[np.ndarray, "view 3 3"]
     near: float
     far: float
+
+    @classmethod
+    def of_rows(
+        cls, poses: Sequence[Sequence[float]], lenses: Sequence[Sequence[float]], near: float, far: float
+    ) -> "SceneCameras":
+        """Return cameras of the rows of `PackedCameras`: 3x4 camera-to-world, row-major, and (fx, fy, cx, cy)."""
+        extrinsics, intrinsics = (np.tile(np.eye(side, dtype=np.float32), (len(poses), 1, 1)) for side in (4, 3))
+        extrinsics[:, :3] = np.array(poses, np.float32).reshape(-1, 3, 4)
+        intrinsics[:, [0, 1, 0, 1], [0, 1, 2, 2]] = np.array(lenses, np.float32)
+        return cls(extrinsics, intrinsics, near, far)
 
     @property
     def num_views(self) -> int:

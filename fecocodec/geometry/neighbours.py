@@ -29,7 +29,9 @@ def neighbours_by_tree(points: Float[Tensor, "n 3"], count: int) -> Int[Tensor, 
     The tree holds every position once, because a leaf with many equal points would make the search quadratic. Points
     that are not finite count as the origin. An unbalanced tree is faster here, including its construction.
     """
-    positions = asked = _finite(points)
+    values = points.detach().float()
+    values = torch.where(values.isfinite(), values, 0.0)
+    positions = asked = np.ascontiguousarray(values.numpy() + np.float32(0.0))  # +0 for -0
     groups = _coinciding(positions)
     if groups is not None:
         positions = positions[groups.first]
@@ -84,9 +86,3 @@ def _coinciding(positions: Float32[np.ndarray, "n 3"]) -> _Groups | None:
         return None
     unique, group_of_point = np.unique(positions, axis=0, return_inverse=True)
     return _Groups(group_of_point.reshape(-1).astype(np.int64), len(unique))
-
-
-def _finite(points: Float[Tensor, "n 3"]) -> Float32[np.ndarray, "n 3"]:
-    """Return positions as float32, with 0 for values that are not finite and +0 for -0."""
-    values = points.detach().float()
-    return np.ascontiguousarray(torch.where(values.isfinite(), values, 0.0).numpy() + np.float32(0.0))

@@ -11,12 +11,13 @@ from fecocodec.coding.detail import detail_values
 from fecocodec.coding.visibility import is_filled_behind, visibility_of
 from fecocodec.container import Detail, Header, IntactPart, Stages, check_symbol_digest, decode_stages
 from fecocodec.entropy.symbol_coders import SymbolReader, symbol_digest
+from fecocodec.geometry.gaussian_arrays import SceneCameras
 from fecocodec.grid import FEATURES, HYPERLATENTS
 from fecocodec.progress import OnProgress
 from fecocodec.runtime.emission import EmissionConfig, emit
 from fecocodec.runtime.graphs import Arrays, Graphs, bytes_tensor, run_by_views
 from fecocodec.runtime.prediction import LastState
-from fecocodec.runtime.scene import Decoded, unpack
+from fecocodec.runtime.scene import Decoded
 
 ONE_Q8 = 256
 
@@ -102,7 +103,8 @@ def decode(
 
     (last, _), _, damage = decode_stages(stream, stages, advance, with_detail, on_progress)
     on_progress("predicting Gaussians", 0.8)
-    cameras = unpack(stream.cameras)
+    packed = stream.cameras
+    cameras = SceneCameras.of_rows(packed.extrinsics, packed.intrinsics, packed.near, packed.far)
     is_filled = is_filled_behind(header.num_views, stream.coverage is not None)
     visibility = visibility_of(stream, graphs.kind.gaussians_per_side)
     gaussians = emit(graphs, last, cameras, visibility, config, is_filled)
