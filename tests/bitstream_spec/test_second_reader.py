@@ -18,7 +18,7 @@ from fecocodec.errors import BitstreamError
 from fecocodec.model_files import GRAPHS_FOLDER, RECEIVER_FILE, SHIPPED, model_id_of
 from tests.bitstream_spec.second_reader import READER, RECEIVER, SPECIFICATION, SYMBOL_READER
 from tests.bitstream_spec.second_reader import read_stream as second_reader
-from tests.container.example_streams import CAMERAS, COVERAGE, FADING, METADATA, sealed_section, streams
+from tests.container.example_streams import CAMERAS, COVERAGE, FADING, METADATA, streams
 from tests.container.faulty_streams import EXAMPLE, GOOD, deflated
 
 read_stream_again, RefusedError = second_reader.read, second_reader.RefusedError
@@ -75,10 +75,7 @@ def test_both_readers_limit_payloads_that_inflate_to_the_right_size(kind: int, l
     """Deflate data may begin with empty blocks of five bytes, so only the limit forbids the longer payload."""
     content, empty_block = deflated(bytes(size)), b"\0\0\0\xff\xff"
     blocks = (limit - len(content)) // len(empty_block)
-    most, too_much = (
-        EXAMPLE.stream_of(EXAMPLE.cameras, sealed_section(kind, count * empty_block + content), EXAMPLE.b1, EXAMPLE.b2)
-        for count in (blocks, blocks + 1)
-    )
+    most, too_much = (EXAMPLE.with_section(kind, count * empty_block + content) for count in (blocks, blocks + 1))
     assert_same_contents(most)
     with pytest.raises(BitstreamError, match=f"at most {limit}"):
         read_stream(too_much)
@@ -93,11 +90,7 @@ def test_both_readers_judge_bent_content_alike(data: st.DataObject) -> None:
     payload = bytearray(original)
     for position in data.draw(st.lists(st.integers(0, len(payload) - 1), min_size=1, max_size=3)):
         payload[position] = data.draw(st.integers(0, 255))
-    section = sealed_section(kind, bytes(payload))
-    sections = [section] if kind == CAMERAS else [EXAMPLE.cameras]
-    sections += [EXAMPLE.b1, EXAMPLE.b2]
-    sections += [section] if kind == METADATA else []
-    bent = EXAMPLE.stream_of(*sections)
+    bent = EXAMPLE.with_section(kind, bytes(payload))
     try:
         read_stream(bent)
     except BitstreamError:

@@ -59,6 +59,11 @@ class Parts:
     def stream_of(self, *sections: bytes, stages: int = 2) -> bytes:
         return self.header(sections=len(sections), stages=stages) + b"".join(sections)
 
+    def with_section(self, kind: int, payload: bytes) -> bytes:
+        """Return cameras, B1 and B2 with another section, or one of these changed."""
+        sections = {CAMERAS: self.cameras, B1: self.b1, B2: self.b2, kind: sealed_section(kind, payload)}
+        return self.stream_of(*(sections[known] for known in sorted(sections, key=lambda known: known & 0x7F)))
+
 
 def signature_faults(parts: Parts) -> list[Fault]:
     text_mode = "the signature was not changed by text mode"
@@ -129,19 +134,10 @@ def section_order_faults(parts: Parts) -> list[Fault]:
     late_fading = parts.stream_of(cameras, b1, sealed_section(FADING, b"levels"), b2)
     unknown = parts.stream_of(cameras, sealed_section(0x95, b"needed"), b1, b2)
     one_stage = parts.stream_of(cameras, b1, b2, stages=1)
+    critical, is_wrong = "critical bit of a known kind", "the critical bit of this kind is wrong"
     faults = [
-        (
-            "critical bit of a known kind",
-            wrong_bit,
-            f"0x20 at byte {parts.b1_offset}",
-            "the critical bit of this kind is wrong",
-        ),
-        (
-            "critical bit of a known kind",
-            no_critical_bit,
-            f"0x1c at byte {parts.b1_offset}",
-            "the critical bit of this kind is wrong",
-        ),
+        (critical, wrong_bit, f"0x20 at byte {parts.b1_offset}", is_wrong),
+        (critical, no_critical_bit, f"0x1c at byte {parts.b1_offset}", is_wrong),
         ("unknown kinds are not critical", unknown, f"0x95 at byte {parts.b1_offset}", "unknown and marked as needed"),
         ("no kind twice", parts.stream_of(cameras, b1, b1, b2), f"B1 at byte {parts.b2_offset}", "it appears twice"),
         ("ascending order", parts.stream_of(b1, cameras, b2), f"cameras at byte {48 + len(b1)}", "before section B1"),
@@ -171,9 +167,7 @@ def camera_payload_faults(parts: Parts) -> list[Fault]:
         "content size": (deflated(content[:-1]), f"to {len(content) - 1} bytes, 2 views need {len(content)}"),
     }
     return [
-        Fault(
-            rule, parts.stream_of(sealed_section(CAMERAS, bad), parts.b1, parts.b2), "section cameras at byte 48", cause
-        )
+        Fault(rule, parts.with_section(CAMERAS, bad), "section cameras at byte 48", cause)
         for rule, (bad, cause) in faults.items()
     ]
 
@@ -182,13 +176,13 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
     good = parts.stream.cameras
     nan, infinity = float("nan"), float("inf")
 
-    def with_pose(second: tuple[float, ...]) -> PackedCameras:
-        return replace(good, extrinsics=(good.extrinsics[0], second))
+    def with_pose(turned: tuple[float, ...]) -> PackedCameras:
+        return replace(good, extrinsics=(good.extrinsics[0], turned))
 
-    def with_lens(*second: float) -> PackedCameras:
-        return replace(good, intrinsics=(good.intrinsics[0], second))
+    def with_lens(*lens: float) -> PackedCameras:
+        return replace(good, intrinsics=(good.intrinsics[0], lens))
 
-    here = (0.0, 0.0, 0.0)
+    here, second = (0.0, 0.0, 0.0), "camera 2 of 2"
     scaled = tuple(1.001 * value for value in TURNED)
     mirrored = (-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     faults = [
@@ -199,36 +193,31 @@ def camera_value_faults(parts: Parts) -> list[Fault]:
         ("near within its bounds", replace(good, near=2.0**41, far=2.0**42), "", "it must be 2^-40 to 2^40"),
         ("far / near within its bounds", replace(good, near=100.0), "", "far must be 1.002 to 16384 times near"),
         ("far / near within its bounds", replace(good, far=8193.0), "", "far must be 1.002 to 16384 times near"),
-        ("finite camera values", with_pose(pose(TURNED, (0.0, nan, 0.0))), "camera 2 of 2", "ty is nan"),
-        ("finite camera values", with_pose(pose((infinity, *TURNED[1:]), here)), "camera 2 of 2", "r00 is inf"),
-        ("finite camera values", with_lens(1.0, 1.0, nan, 0.5), "camera 2 of 2", "cx is nan"),
-        ("rotation orthonormal", with_pose(pose(scaled, here)), "camera 2 of 2", "its rotation is not orthonormal"),
-        ("rotation orthonormal", with_pose(pose((0.0,) * 9, here)), "camera 2 of 2", "its rotation is not orthonormal"),
+        ("finite camera values", with_pose(pose(TURNED, (0.0, nan, 0.0))), second, "ty is nan"),
+        ("finite camera values", with_pose(pose((infinity, *TURNED[1:]), here)), second, "r00 is inf"),
+        ("finite camera values", with_lens(1.0, 1.0, nan, 0.5), second, "cx is nan"),
+        ("rotation orthonormal", with_pose(pose(scaled, here)), second, "its rotation is not orthonormal"),
+        ("rotation orthonormal", with_pose(pose((0.0,) * 9, here)), second, "its rotation is not orthonormal"),
         (
             "rotation orthonormal",
             with_pose(pose((1e30,) * 9, here)),
-            "camera 2 of 2",
+            second,
             "its rotation is not orthonormal",
         ),
-        ("not mirrored", with_pose(pose(mirrored, here)), "camera 2 of 2", "its pose is mirrored"),
-        ("centre not too far", with_pose(pose(TURNED, (2.0**61, 0.0, 0.0))), "camera 2 of 2", "more than 2^60"),
+        ("not mirrored", with_pose(pose(mirrored, here)), second, "its pose is mirrored"),
+        ("centre not too far", with_pose(pose(TURNED, (2.0**61, 0.0, 0.0))), second, "more than 2^60"),
         (
             "centre not too far from the mean",
             with_pose(pose(TURNED, (0.0, 2.0**14 + 1.0, 0.0))),
             "camera 1 of 2",
             "more than 16384 near from the mean position",
         ),
-        ("focal lengths", with_lens(0.0, 1.0, 0.5, 0.5), "camera 2 of 2", "focal length fx is 0.0"),
-        ("focal lengths", with_lens(1.0, -1.0, 0.5, 0.5), "camera 2 of 2", "focal length fy is -1.0"),
-        ("principal point", with_lens(1.0, 1.0, 0.5, 257.0), "camera 2 of 2", "principal point cy is 257.0"),
+        ("focal lengths", with_lens(0.0, 1.0, 0.5, 0.5), second, "focal length fx is 0.0"),
+        ("focal lengths", with_lens(1.0, -1.0, 0.5, 0.5), second, "focal length fy is -1.0"),
+        ("principal point", with_lens(1.0, 1.0, 0.5, 257.0), second, "principal point cy is 257.0"),
     ]
     return [
-        Fault(
-            rule,
-            parts.stream_of(sealed_section(CAMERAS, pack_cameras(cameras)), parts.b1, parts.b2),
-            f"section cameras at byte 48: {camera}",
-            cause,
-        )
+        Fault(rule, parts.with_section(CAMERAS, pack_cameras(cameras)), f"section cameras at byte 48: {camera}", cause)
         for rule, cameras, camera, cause in faults
     ]
 
@@ -248,15 +237,8 @@ def grid_faults(parts: Parts, kind: int, grids: ViewGrids) -> list[Fault]:
             f"take {size - 1} bytes, the views need {size}",
         ),
     ]
-    return [
-        Fault(
-            rule,
-            parts.stream_of(parts.cameras, sealed_section(kind, data), parts.b1, parts.b2),
-            f"section {grids.name} at byte {parts.b1_offset}",
-            cause,
-        )
-        for rule, data, cause in faults
-    ]
+    place = f"section {grids.name} at byte {parts.b1_offset}"
+    return [Fault(rule, parts.with_section(kind, data), place, cause) for rule, data, cause in faults]
 
 
 def detail_faults(parts: Parts) -> list[Fault]:
@@ -317,11 +299,7 @@ def metadata_faults(parts: Parts) -> list[Fault]:
         ("the JSON is an object", compress(b"[]"), "its JSON is not an object"),
     ]
     place = f"section metadata at byte {parts.end}"
-    sections = (parts.cameras, parts.b1, parts.b2)
-    return [
-        Fault(rule, parts.stream_of(*sections, sealed_section(METADATA, payload)), place, cause)
-        for rule, payload, cause in faults
-    ]
+    return [Fault(rule, parts.with_section(METADATA, payload), place, cause) for rule, payload, cause in faults]
 
 
 def faults_of(stream: Stream) -> tuple[Fault, ...]:

@@ -70,12 +70,6 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_a_model_without_graphs_names_the_command(model: Path) -> None:
-    shutil.rmtree(model / GRAPHS_FOLDER)
-    with pytest.raises(ModelError, match=rf"hyper.onnx: the graph is missing.*{COMMAND} {model}"):
-        decode(SCENE.read_bytes(), model=model)
-
-
 def test_graphs_of_other_weights_are_refused(model: Path) -> None:
     shutil.copy(TINY_GRAPHS / "hyper.onnx", model / GRAPHS_FOLDER)
     with pytest.raises(ModelError, match=rf"hyper.onnx: .*model id {model_id_of(TINY_MODEL.read_bytes()).hex()}"):

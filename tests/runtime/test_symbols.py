@@ -43,10 +43,10 @@ def clipped(values: np.ndarray) -> str:
     return fingerprint(values.astype(np.int64).clip(-(1 << 24), 1 << 24))
 
 
-@pytest.mark.parametrize("num_threads", [1, 2])
-@pytest.mark.parametrize("name", EXPECTED["good"])
-def test_every_symbol_and_value_is_the_expected_one(name: str, num_threads: int) -> None:
-    found = decode_symbols(read_stream((VECTORS / name).read_bytes()), num_threads)
+@pytest.mark.parametrize(("number", "name"), [*enumerate(EXPECTED["good"])])
+def test_every_symbol_and_value_is_the_expected_one(number: int, name: str) -> None:
+    """Of every other stream on two threads."""
+    found = decode_symbols(read_stream((VECTORS / name).read_bytes()), 1 + number % 2)
     for mine, stage in zip(found, EXPECTED["good"][name]["stages"], strict=True):
         y_hat = from_coding_order(torch.from_numpy(np.stack(mine.steps))).permute(0, 2, 3, 1).numpy()
         assert [fingerprint(batch) for batch in mine.symbols] == stage["symbols"]
