@@ -24,6 +24,7 @@ from fecocodec.photographs.image_headers import (
 )
 
 _REDUCED = re.compile(r"images_(\d{1,2})")  # photographs reduced by this factor, such as images_4 of DL3DV
+_LEVELS_ABOVE = 4  # as far as cameras are named below a scene folder, see `camera_names.walk`
 _SUFFIXES = {*IMAGE_SUFFIXES, *UNREAD_SUFFIXES}
 
 Parts = tuple[str, ...]
@@ -46,15 +47,15 @@ class MatchedImages:
 
 
 def match_images(cameras_path: Path, names: Sequence[str], usual: Sequence[Path]) -> MatchedImages:
-    """Find the image files. usual: folders in which this format keeps images, from which names start; the first is the
-    scene folder.
+    """Find the image files. usual: folders in which this format keeps images, from which names start.
 
     Looks there, then in `images`, `input` and `images_N` of these folders, then above the scene folder.
     """
     listed = _Listings()
     wanted = [parts_of(name) for name in names]
     best = _Match(usual[0], 1, [None] * len(names))
-    for places in (image_folders(usual), _folders_above(usual[0])):
+    scene = min(usual, key=lambda folder: len(folder.parts))
+    for places in (image_folders(usual), _folders_above(scene)):
         for folder, reduction in places:
             found = _Match(folder, reduction, _find_all(listed, folder, names, wanted))
             if found.count > best.count:
@@ -96,7 +97,7 @@ def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:
 
 
 def _folders_above(scene: Path) -> Iterator[tuple[Path, int]]:
-    for parent in scene.resolve().parents[:3]:
+    for parent in scene.resolve().parents[:_LEVELS_ABOVE]:
         yield parent, 1
         yield parent / "images", 1
 

@@ -259,13 +259,20 @@ def test_arrays_of_numpy_with_cameras_are_named(tmp_path: Path) -> None:
     assert note.startswith("cameras in result.npz are not read")
 
 
-@pytest.mark.parametrize("where", ["Transforms.json", "transforms (1).json", "model", "colmap/text", "a/b/sparse"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        *("Transforms.json", "transforms (1).json", "model", "colmap/text", "a/b/sparse", "SPARSE/0"),
+        *("colmap/models/0", "output/colmap/sparse/0", "workspace/dense/0/sparse", "sparse/0/refined/0"),
+    ],
+)
 def test_cameras_with_unusual_names_and_places_can_be_given(where: str, tmp_path: Path) -> None:
     if where.endswith(".json"):
         folder = write_transforms(tmp_path / "scene", shots(3, **CENTRAL))
         (folder / "transforms.json").rename(folder / where)
     else:
-        folder = write_colmap_text(tmp_path / "scene", shots(3, **CENTRAL), where=where)
+        write = write_colmap_binary if "0" in where else write_colmap_text
+        folder = write(tmp_path / "scene", shots(3, **CENTRAL), where=where)
     assert not has_cameras(folder)
     to_use = f"to use them, give {folder / where}."
     assert unread_cameras_notes(folder) == [

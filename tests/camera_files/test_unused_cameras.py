@@ -132,19 +132,6 @@ def test_cameras_of_an_earlier_estimate_are_noted_but_no_warning(tmp_path: Path)
     assert unread_cameras_notes(folder / "images") and earlier_estimate_notes(folder / "images") == []
 
 
-@pytest.mark.parametrize(
-    "where",
-    ["colmap/models/0", "output/colmap/sparse/0", "workspace/dense/0/sparse", "sparse/0/refined/0", "SPARSE/0"],
-)
-def test_colmap_models_farther_down(where: str, tmp_path: Path) -> None:
-    folder = write_colmap_binary(tmp_path / "scene", shots(2), where=where)
-    assert not has_cameras(folder)
-    (note,) = unread_cameras_notes(folder)
-    assert note == (
-        f"cameras in {where} are not looked for, and cameras are estimated; to use them, give {folder / where}."
-    )
-
-
 @pytest.mark.parametrize("where", ["sparse/0/0", "colmap"])
 def test_further_places_of_colmap_models(where: str, tmp_path: Path) -> None:
     """`colmap mapper --output_path sparse/0` writes the first, ScanNet++ has the second."""
