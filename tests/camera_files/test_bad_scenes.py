@@ -207,10 +207,6 @@ NOT_FINITE = ": a camera value is NaN or infinite; correct it or take this view 
         (lambda frame: frame.update(transform_matrix=[[1], [2, 3]]), ", transform_matrix: 4x4 numbers expected"),
         (lambda frame: frame.update(transform_matrix={}), ", transform_matrix: 4x4 numbers expected"),
         (
-            lambda frame: frame.pop("transform_matrix"),
-            ": no `transform_matrix`; add the pose of its camera, or remove the frame.",
-        ),
-        (
             lambda frame: [frame.pop(key) for key in ("fl_x", "fl_y")],
             ": no positive focal length; give fl_x in pixels or camera_angle_x in radians.",
         ),
@@ -221,15 +217,6 @@ def test_a_value_of_one_frame(change: Callable[[dict[str, Any]], object], cause:
     with edited(scene) as cameras:
         change(cameras["frames"][1])
     assert_is(message(scene, views=(1,)), f"{scene}/transforms.json, frame 1 (images/001.png){cause}")
-
-
-def test_one_image_in_two_frames(scene):
-    with edited(scene) as cameras:
-        cameras["frames"][1]["file_path"] = cameras["frames"][0]["file_path"]
-    assert message(scene, views=(1,)) == (
-        f"{scene}/transforms.json, frame 1 (images/000.png): another frame has this image, too, and its camera is "
-        "used; name the image of each with its folder, or remove one."
-    )
 
 
 def test_an_image_without_a_camera_is_told(scene):

@@ -1,15 +1,4 @@
-"""Fixed-point layers equal integer arithmetic in float64, and approximate it in float32.
-
-Encoding and decoding do not depend on the number of threads or the vector width.
-"""
-
-import hashlib
-import json
-import os
-import subprocess
-import sys
-from functools import cache
-from pathlib import Path
+"""Fixed-point layers equal integer arithmetic in float64, and approximate it in float32."""
 
 import numpy as np
 import pytest
@@ -22,9 +11,7 @@ from fecocodec.coding.fixed_point import (
     load_integers,
     round_through,
 )
-from fecocodec.coding.payload import decode_latents, encode_latents
 from fecocodec.errors import ModelError
-from tests.coding.coding_examples import lively_prior, smooth_latents
 
 
 def integer_layer(layer: FixedPointLinear, x: np.ndarray) -> np.ndarray:
@@ -99,51 +86,3 @@ def test_integers_that_do_not_fit_are_refused():
         load_integers(module, {**integers, "a.bias": torch.full((1, 2), (1 << 24) + 1, dtype=torch.int32)})
     with pytest.raises(ModelError, match="sums are exact"):
         FixedPointLinear((1 << 20) + 1, 1)
-
-
-ROOT = Path(__file__).resolve().parents[2]
-LIMITS = {"OMP_NUM_THREADS": "2", "MKL_ENABLE_INSTRUCTIONS": "SSE4_2", "ATEN_CPU_CAPABILITY": "avx2"}
-SIZE = (2, 16, 16)
-
-# Codes both stages, and decodes the payload of another process.
-CHILD = """
-import json, sys
-sys.path.insert(0, sys.argv[1])
-from tests.coding.test_fixed_point import decode_both, encode_both
-written = [bytes.fromhex(text) for text in json.loads(sys.stdin.read())]
-mine, digests = encode_both()
-print(json.dumps([[payload.hex() for payload in mine], digests, decode_both(written)]))
-"""
-
-
-@cache
-def encode_both() -> tuple[list[bytes], list[str]]:
-    prior, (y, z) = lively_prior(), smooth_latents(*SIZE)
-    first, coded = encode_latents(prior, y, z, 600, 1, None)
-    second, coded_again = encode_latents(prior, y * 0.3, z, 600, 2, coded.y_hat)
-    return [first, second], [fingerprint(coded.y_hat), fingerprint(coded_again.y_hat)]
-
-
-def decode_both(payloads: list[bytes]) -> list[str]:
-    first = decode_latents(lively_prior(), payloads[0], SIZE, 600, 1, None)
-    second = decode_latents(lively_prior(), payloads[1], SIZE, 600, 2, first.y_hat)
-    return [fingerprint(first.y_hat), fingerprint(second.y_hat)]
-
-
-def fingerprint(values: torch.Tensor) -> str:
-    return hashlib.sha256(values.contiguous().numpy().tobytes()).hexdigest()
-
-
-def test_a_process_with_other_threads_and_vectors_writes_and_reads_the_same():
-    payloads, values = encode_both()
-    child = subprocess.run(
-        [sys.executable, "-c", CHILD, str(ROOT)],
-        input=json.dumps([payload.hex() for payload in payloads]),
-        env={**os.environ, **LIMITS},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    theirs, their_values, read = json.loads(child.stdout)
-    assert [bytes.fromhex(text) for text in theirs] == payloads
-    assert their_values == values == read
