@@ -36,7 +36,8 @@ def _read_bounded(path: Path) -> bytes:
     A file with another signature is cut after the first chunk; the stream parser then reports the wrong signature.
     """
     is_named_pipe = Path(os.path.realpath(path)).is_fifo()  # not /dev/stdin of a pipeline: its path has no file
-    with open(path, "rb", opener=_open_at_once if is_named_pipe else None) as file:
+    at_once = os.O_NONBLOCK if is_named_pipe else 0  # so that opening does not wait for a writer
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | at_once)) as file:
         if file.isatty():
             raise InputError(f"{path}: is a terminal; give a .fcs file, or a pipe from the program that writes one.")
         data = bytearray(_first_bytes(file.fileno(), path) if is_named_pipe else b"")
@@ -54,13 +55,8 @@ def _read_bounded(path: Path) -> bytes:
     )
 
 
-def _open_at_once(path: str, flags: int) -> int:
-    """Open a named pipe without waiting for a writer."""
-    return os.open(path, flags | os.O_NONBLOCK)
-
-
 def _first_bytes(pipe: int, path: Path) -> bytes:
-    """Wait for a writer of a pipe that `_open_at_once` opened; return what it has written. Later reads wait, too."""
+    """Wait for a writer of a pipe that is open without one; return what it has written. Later reads wait, too."""
     end = time.monotonic() + SECONDS_WITHOUT_WRITER
     first = b""
     while not first:
