@@ -159,14 +159,11 @@ def test_what_is_no_video_is_refused(kind, tmp_path):
         write_sharp_frames(path, tmp_path, 2)
 
 
-def test_pyav_missing_names_the_extra(tmp_path, monkeypatch):
+def test_videos_are_known_by_their_ending_and_need_an_extra(tmp_path, monkeypatch):
+    assert is_video(Path("clip.MP4")) and not is_video(Path("photos"))
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(InputError, match=r"pip install '\.\[video\]'"):
         write_sharp_frames(tmp_path / "clip.mp4", tmp_path, 2)
-
-
-def test_videos_are_known_by_their_ending():
-    assert is_video(Path("clip.MP4")) and not is_video(Path("photos"))
 
 
 def test_frames_with_exif_data_are_read_and_turned(tmp_path):
