@@ -3,18 +3,11 @@
 from pathlib import Path
 
 import pytest
-from wall_scene import shots, write_colmap_text, write_photographs, write_realestate10k
+from wall_scene import shots, write_colmap_text, write_realestate10k
 
 from fecocodec.camera_files.find import has_cameras
 from fecocodec.captures.chosen_photographs import choose_photographs
 from fecocodec.errors import InputError
-
-
-def test_text_that_is_no_camera_file(tmp_path: Path) -> None:
-    write_photographs(tmp_path / "images", shots(2))
-    (tmp_path / "notes.txt").write_text(" ".join(["word"] * 19) + "\n")  # as many as columns of RealEstate10K
-    (tmp_path / "images.txt").write_text("# list\n000.png\n001.png\n")  # called as a table of COLMAP
-    assert not has_cameras(tmp_path)
 
 
 def test_a_table_of_images_without_one_of_cameras_is_one_of_colmap(tmp_path: Path) -> None:

@@ -184,7 +184,7 @@ def test_what_lies_beside_photographs_without_cameras_is_quiet(tmp_path: Path) -
         "README.txt": "Three photographs of a wall.",
         "notes.txt": " ".join(["word"] * 19),
         "LICENSE.txt": "as is",
-        "images.txt": "000.png\n001.png\n",
+        "images.txt": "# list\n000.png\n001.png\n",
         "geo.txt": "EPSG:4326\n000.png 1 2 3\n001.png 1 2 3\n",
         "labels/000.txt": "0 0.5 0.5 0.1 0.1\n1 0.5 0.5 0.1 0.1\n",
         "cloud.txt": POSES * 9,
