@@ -109,7 +109,7 @@ def _masks(path: Path, frames: list[Any], images: MatchedImages) -> list[Path | 
     masks = list[Path | None]()
     for name, mask in zip(names, found, strict=True):
         named = path.parent / name.replace("\\", "/") if mask in images.paths else mask
-        reduced = named.parent.with_name(f"{named.parent.name}_{images.reduction}") / named.name
+        reduced = named.parent.parent / f"{named.parent.name}_{images.reduction}" / named.name
         is_reduced = os.path.isfile(reduced) and not os.path.isfile(named)
         masks.append((reduced if is_reduced else named) if name else None)
     return masks

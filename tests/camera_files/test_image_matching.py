@@ -20,6 +20,7 @@ from wall_scene import (
     write_transforms,
 )
 
+from fecocodec.camera_files.find import read_cameras
 from fecocodec.camera_files.image_matching import similar_key
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, choose_photographs
 from fecocodec.captures.render_cameras import read_render_cameras
@@ -196,6 +197,16 @@ def test_spaces_are_kept(write: Write, tmp_path: Path) -> None:
     rename_in_cameras(folder, lambda name: f"my  photo {name}")
     chosen = assert_all_found(folder)
     assert chosen.names == ("my  photo 000.png", "my  photo 001.png")
+
+
+def test_a_mask_beside_the_camera_file_of_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder `.` has no name."""
+    folder = write_transforms(tmp_path, shots(2))
+    shutil.copy(folder / "images" / "000.png", folder / "a_mask.png")
+    with edited(folder) as scene:
+        scene["frames"][0]["mask_path"] = "a_mask.png"
+    monkeypatch.chdir(folder)
+    assert [photograph.mask for photograph in read_cameras(".").photographs] == [Path("a_mask.png"), None]
 
 
 def test_ambiguous_names_are_no_match(tmp_path: Path) -> None:
