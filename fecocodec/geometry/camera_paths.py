@@ -34,7 +34,8 @@ def between(cameras: Cameras, count: int) -> Cameras:
     order = _nearest_neighbour_order(cameras.extrinsics[:, :3, 3])
     ordered = cameras.select(order)
     times = torch.linspace(0, len(order) - 1, count).tolist()
-    poses = [_pose_at(ordered.extrinsics, time) for time in times]
+    rotations, centres = ordered.extrinsics[:, :3, :3], ordered.extrinsics[:, :3, 3]
+    poses = [_pose(_nearest_rotation(_mixed(rotations, time)), _catmull_rom(centres, time)) for time in times]
     intrinsics = [_mixed(ordered.intrinsics, time) for time in times]
     return replace(cameras, extrinsics=torch.stack(poses), intrinsics=torch.stack(intrinsics))
 
@@ -46,7 +47,8 @@ def spiral(cameras: Cameras, count: int, depths: Depths) -> Cameras | None:
     the cameras from their mean along the horizontal axis, at least LEAST_RADIUS of the depth of the focus. Returns None
     if a camera does not see the focus.
     """
-    pose, depth = _mean_pose(cameras), float(depths[:, 1].median())
+    mean, depth = cameras.extrinsics.mean(dim=0), float(depths[:, 1].median())
+    pose = _pose(_nearest_rotation(mean[:3, :3]), mean[:3, 3])
     focus = pose[:3, 3] + depth * pose[:3, 2]
     if not cameras.project(focus).is_visible.all():
         return None
@@ -129,13 +131,6 @@ def _nearest_neighbour_order(centres: Float[Tensor, "view 3"]) -> list[int]:
     return order
 
 
-def _pose_at(poses: Float[Tensor, "view 4 4"], time: float) -> Pose:
-    pose = torch.eye(4).to(poses)
-    pose[:3, :3] = _nearest_rotation(_mixed(poses[:, :3, :3], time))
-    pose[:3, 3] = _catmull_rom(poses[:, :3, 3], time)
-    return pose
-
-
 def _mixed(values: Float[Tensor, "view *shape"], time: float) -> Float[Tensor, "*shape"]:
     """Interpolate linearly between the values at the whole numbers around `time`."""
     index = min(int(time), max(len(values) - 2, 0))
@@ -159,20 +154,16 @@ def _nearest_rotation(matrix: Float[Tensor, "3 3"]) -> Float[Tensor, "3 3"]:
     return left @ (sign[:, None] * right)
 
 
-def _mean_pose(cameras: Cameras) -> Pose:
-    pose = torch.eye(4).to(cameras.extrinsics)
-    pose[:3, :3] = _nearest_rotation(cameras.extrinsics[:, :3, :3].mean(dim=0))
-    pose[:3, 3] = cameras.extrinsics[:, :3, 3].mean(dim=0)
-    return pose
-
-
 def _looking_at(centre: Float[Tensor, "3"], target: Float[Tensor, "3"], down: Float[Tensor, "3"]) -> Pose:
     """Return the pose at `centre` whose optical axis passes through `target`, with image rows along `down`."""
     forward = torch.nn.functional.normalize(target - centre, dim=0)
     right = torch.nn.functional.normalize(torch.linalg.cross(down, forward), dim=0)
+    return _pose(torch.stack((right, torch.linalg.cross(forward, right), forward), dim=1), centre)
+
+
+def _pose(rotation: Float[Tensor, "3 3"], centre: Float[Tensor, "3"]) -> Pose:
     pose = torch.eye(4).to(centre)
-    pose[:3, :3] = torch.stack((right, torch.linalg.cross(forward, right), forward), dim=1)
-    pose[:3, 3] = centre
+    pose[:3, :3], pose[:3, 3] = rotation, centre
     return pose
 
 
