@@ -19,7 +19,7 @@ from torch import Tensor
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.splatting.facing import facing_gaussians, view_maps
-from fecocodec.splatting.hidden import ExtendedDepth, is_hidden
+from fecocodec.splatting.hidden import is_hidden
 from fecocodec.splatting.sampling import SMALLEST_DEPTH
 
 SMALLEST_OPACITY = 0.01  # a border of smaller mean opacity is transparent and not extrapolated
@@ -69,17 +69,31 @@ def background_layer(
     extrapolated.
     """
     candidates, extended = background_candidates(gaussians, cameras, grid, config)
-    return candidates.keep((candidates.opacities > 0.0) & is_hidden(candidates, extended, cameras))
+    hidden = is_hidden(candidates, extended, cell_centres(config, gaussians.means), cameras)
+    return candidates.keep((candidates.opacities > 0.0) & hidden)
 
 
 def background_candidates(
     gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: BackgroundConfig = DEFAULT_BACKGROUND
-) -> tuple[Gaussians, ExtendedDepth]:
-    """Return Gaussians in all cells outside the images, and the depth that decides which of them are hidden."""
+) -> tuple[Gaussians, Float[Tensor, "view row column"]]:
+    """Return candidates, and the depth of each view at the cells, which decides which of them are hidden.
+
+    The candidates are one Gaussian per layer, view and cell outside the image, facing its view, ordered (layer, view,
+    cell). Where the border is transparent, they have an opacity of 0.
+    """
     axis = _axis(config, gaussians.means)
     colour, depth, opacity = _extrapolated(gaussians, cameras, grid, axis, config)
-    candidates = _candidates(colour, depth, opacity, cameras, axis, config)
-    return candidates, ExtendedDepth(depth, axis.centres)
+    factors = depth.new_tensor(config.depth_factors)
+    layers = len(factors)
+    candidates = facing_gaussians(
+        cameras,
+        torch.stack((axis.centres[axis.column], axis.centres[axis.row]), dim=-1),
+        torch.stack((axis.widths[axis.column], axis.widths[axis.row]), dim=-1),
+        rearrange(factors, "layer -> layer 1 1") * axis.outside(depth),
+        axis.outside(colour).expand(layers, -1, -1, -1),
+        (axis.outside(opacity) > SMALLEST_OPACITY).expand(layers, -1, -1),
+    )
+    return candidates, depth
 
 
 def cell_centres(config: BackgroundConfig, like: Tensor) -> Float[Tensor, " cell"]:
@@ -136,28 +150,3 @@ def _blur_weights(axis: _Axis, side: int, config: BackgroundConfig) -> Float[Ten
     deviation = (config.blur_growth * (axis.centres - nearest).abs()).clamp_min(config.blur)
     pixels = (torch.arange(side).to(axis.centres) + 0.5) / side
     return torch.softmax(-0.5 * ((pixels - nearest[:, None]) / deviation[:, None]).square(), dim=1)
-
-
-def _candidates(
-    colour: Float[Tensor, "view row column 3"],
-    depth: Float[Tensor, "view row column"],
-    opacity: Float[Tensor, "view row column"],
-    cameras: Cameras,
-    axis: _Axis,
-    config: BackgroundConfig,
-) -> Gaussians:
-    """Return one Gaussian per layer, view and cell outside the image, facing its view; ordered (layer, view, cell).
-
-    opacity: of the border; where it is transparent, Gaussians have an opacity of 0.
-    """
-    factors = depth.new_tensor(config.depth_factors)
-    depths = rearrange(factors, "layer -> layer 1 1") * axis.outside(depth)
-    layers = len(factors)
-    return facing_gaussians(
-        cameras,
-        torch.stack((axis.centres[axis.column], axis.centres[axis.row]), dim=-1),
-        torch.stack((axis.widths[axis.column], axis.widths[axis.row]), dim=-1),
-        depths,
-        axis.outside(colour).expand(layers, -1, -1, -1),
-        (axis.outside(opacity) > SMALLEST_OPACITY).expand(layers, -1, -1),
-    )

@@ -8,7 +8,9 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.splatting.sampling import other_views, project, sample_at
+from fecocodec.splatting.sampling import PerGaussian, Points, other_views, project, sample_at
+
+Surfaces = Float[Tensor, "view 4 h4 w4"]  # sRGB colour and inverse depth, see `free_space.surfaces_of`
 
 
 @dataclass(frozen=True)
@@ -20,17 +22,14 @@ class Comparison:
     is_seen: whether the Gaussian projects inside the image.
     """
 
-    lead: Float[Tensor, "view h2 w2"]
-    squared_difference: Float[Tensor, "view h2 w2"]
-    surface: Float[Tensor, "view channel h2 w2"]
-    is_seen: Bool[Tensor, "view h2 w2"]
+    lead: PerGaussian
+    squared_difference: PerGaussian
+    surface: Float[Tensor, "view channel h w"]
+    is_seen: Bool[Tensor, "view h w"]
 
 
 def compare(
-    points: Float[Tensor, "view 3 h2 w2"],
-    colour: Float[Tensor, "view 3 h2 w2"],
-    surfaces: Float[Tensor, "view channel h4 w4"],
-    cameras: Cameras,
+    points: Points, colour: Points, surfaces: Float[Tensor, "view channel h4 w4"], cameras: Cameras
 ) -> Comparison:
     """Compare the Gaussians of each view with the surface of another view.
 
@@ -43,12 +42,8 @@ def compare(
 
 
 def confirmation(
-    points: Float[Tensor, "view 3 h2 w2"],
-    colour: Float[Tensor, "view 3 h2 w2"],
-    surfaces: Float[Tensor, "view 4 h4 w4"],
-    cameras: Cameras,
-    config: ReceiverConfig,
-) -> Float[Tensor, "view h2 w2"]:
+    points: Points, colour: Points, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
+) -> PerGaussian:
     """Return the confirmation of each Gaussian of one scene by other views, in [0, 1]; zero for fewer than three views.
 
     It is exp(-(lead / L)^2) / (1 + (squared colour difference / D)^2), the maximum over the other views that see the
@@ -61,12 +56,8 @@ def confirmation(
 
 
 def confirmation_by(
-    points: Float[Tensor, "view 3 h2 w2"],
-    colour: Float[Tensor, "view 3 h2 w2"],
-    surfaces: Float[Tensor, "view 4 h4 w4"],
-    cameras: Cameras,
-    config: ReceiverConfig,
-) -> Float[Tensor, "view h2 w2"]:
+    points: Points, colour: Points, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
+) -> PerGaussian:
     """Return the confirmation of each Gaussian by another view. surfaces, cameras: of the other views."""
     seen = compare(points, colour, surfaces, cameras)
     is_alike = 1.0 / (1.0 + (seen.squared_difference / config.free_space_colour).square())

@@ -12,8 +12,9 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
+from fecocodec.splatting.confirmation import Surfaces
 from fecocodec.splatting.free_space import POOLED, surfaces_of
-from fecocodec.splatting.sampling import other_views, project, sample_at
+from fecocodec.splatting.sampling import PerGaussian, Points, other_views, project, sample_at
 
 
 @torch.no_grad()
@@ -40,9 +41,7 @@ def kept_share(
     return kept
 
 
-def shown_surfaces(
-    surfaces: Float[Tensor, "view 4 h4 w4"], opacity: Float[Tensor, "view h2 w2"]
-) -> Float[Tensor, "view 2 h4 w4"]:
+def shown_surfaces(surfaces: Surfaces, opacity: PerGaussian) -> Float[Tensor, "view 2 h4 w4"]:
     """Return inverse depth and opacity of each view's surface.
 
     surfaces: of `surfaces_of`. opacity: of Gaussians, after the free-space check.
@@ -51,12 +50,12 @@ def shown_surfaces(
 
 
 def kept_beside(
-    points: Float[Tensor, "view 3 h2 w2"],
+    points: Points,
     cameras: Cameras,
     shown: Float[Tensor, "view 2 h4 w4"],
     cameras_there: Cameras,
     config: ReceiverConfig,
-) -> Float[Tensor, "view h2 w2"]:
+) -> PerGaussian:
     """Return the share that each Gaussian keeps beside another view. shown: `shown_surfaces` of the other views."""
     uv, depth, is_seen = project(cameras_there, points)
     own_depth = project(cameras, points)[1]

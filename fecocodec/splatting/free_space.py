@@ -18,8 +18,8 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.splatting.confirmation import Comparison, compare, confirmation
-from fecocodec.splatting.sampling import other_views, project
+from fecocodec.splatting.confirmation import Surfaces, compare, confirmation
+from fecocodec.splatting.sampling import PerGaussian, Points, other_views, project
 
 POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 
@@ -57,40 +57,35 @@ def surfaces_of(
 
 
 def _violation(
-    points: Float[Tensor, "view 3 h2 w2"],
-    colour: Float[Tensor, "view 3 h2 w2"],
-    surfaces: Float[Tensor, "view 4 h4 w4"],
-    cameras: Cameras,
-    config: ReceiverConfig,
-) -> Float[Tensor, "view h2 w2"]:
-    """Return the strongest violation of each Gaussian of one scene."""
+    points: Points, colour: Points, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
+) -> PerGaussian:
+    """Return the strongest violation of each Gaussian of one scene. With two views, the near bound does not count."""
     confirmed = confirmation(points, colour, surfaces, cameras, config)
     share = confirmed.mean(dim=(1, 2)) if cameras.num_views > 2 else torch.ones_like(confirmed[:, 0, 0])
-    surfaces = with_confirmation(surfaces, confirmed)
-    strongest = near_bound_violation(points, cameras, config)
+    confirmed_surfaces, strongest = with_confirmation(surfaces, confirmed), torch.zeros_like(confirmed)
     for index, there in other_views(cameras):
-        of_others = surfaces.index_select(0, index), share.index_select(0, index), there
+        of_others = confirmed_surfaces.index_select(0, index), share.index_select(0, index), there
         strongest = torch.maximum(strongest, violation_by(points, colour, confirmed, share, *of_others, config))
+        if cameras.num_views > 2:
+            strongest = torch.maximum(strongest, near_bound_violation_by(points, there, config))
     return strongest
 
 
-def with_confirmation(
-    surfaces: Float[Tensor, "view 4 h4 w4"], confirmed: Float[Tensor, "view h2 w2"]
-) -> Float[Tensor, "view 5 h4 w4"]:
+def with_confirmation(surfaces: Surfaces, confirmed: PerGaussian) -> Float[Tensor, "view 5 h4 w4"]:
     """Append the confirmation of the Gaussians, averaged over blocks, to the surfaces."""
     return torch.cat((surfaces, F.avg_pool2d(confirmed[:, None], POOLED)), dim=1)
 
 
 def violation_by(
-    points: Float[Tensor, "view 3 h2 w2"],
-    colour: Float[Tensor, "view 3 h2 w2"],
-    confirmed: Float[Tensor, "view h2 w2"],
+    points: Points,
+    colour: Points,
+    confirmed: PerGaussian,
     share: Float[Tensor, " view"],
     surfaces: Float[Tensor, "view 5 h4 w4"],
     share_there: Float[Tensor, " view"],
     cameras: Cameras,
     config: ReceiverConfig,
-) -> Float[Tensor, "view h2 w2"]:
+) -> PerGaussian:
     """Return the violation of each Gaussian against the surface of another view.
 
     confirmed: of the Gaussians. share: mean confirmation of their view; 1 for fewer than three views. surfaces,
@@ -100,35 +95,13 @@ def violation_by(
     ratio = (share / share_there.clamp_min(1e-6)).clamp(max=1.0) ** config.free_space_strictness
     tolerance = config.free_space_colour * ratio
     protection = config.free_space_protection * confirmed * (1.0 - seen.surface[:, 4])
-    return _in_front(seen, tolerance, config) * (1.0 - protection)
-
-
-def _in_front(
-    seen: Comparison, tolerance: Float[Tensor, " view"], config: ReceiverConfig
-) -> Float[Tensor, "view h2 w2"]:
-    """Return the violation from position and colour, without confirmation."""
     nearer = torch.sigmoid((seen.lead - config.free_space_lead) / config.free_space_lead_width)
     difference = seen.squared_difference.square()
-    return seen.is_seen * nearer * difference / (difference + tolerance.square()[:, None, None]).clamp_min(1e-20)
+    bound = (difference + tolerance.square()[:, None, None]).clamp_min(1e-20)
+    return seen.is_seen * nearer * difference / bound * (1.0 - protection)
 
 
-@torch.no_grad()
-def near_bound_violation(
-    points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
-) -> Float[Tensor, "view h2 w2"]:
-    """Return each Gaussian's strongest violation of the near bound over all other views of the scene, in [0, 1].
-
-    It is zero for fewer than three views.
-    """
-    strongest = torch.zeros_like(points[:, 0])
-    for _, there in other_views(cameras, fewest=3):
-        strongest = torch.maximum(strongest, near_bound_violation_by(points, there, config))
-    return strongest
-
-
-def near_bound_violation_by(
-    points: Float[Tensor, "view 3 h2 w2"], cameras: Cameras, config: ReceiverConfig
-) -> Float[Tensor, "view h2 w2"]:
+def near_bound_violation_by(points: Points, cameras: Cameras, config: ReceiverConfig) -> PerGaussian:
     """Return the violation of the near bound of another view. cameras: of the other views."""
     margin = config.near_bound_margin
     uv, depth, _ = project(cameras, points)

@@ -1,7 +1,5 @@
 """Visibility test of the background layer: find the Gaussians that no context view renders."""
 
-from dataclasses import dataclass
-
 import torch
 from einops import rearrange
 from jaxtyping import Bool, Float
@@ -18,30 +16,24 @@ DEPTH_REACH = 0.5  # as a share of a side: distance outside the image up to whic
 CLEARANCE = 0.5  # minimum distance from a camera, as a share of its view's smallest extended depth
 
 
-@dataclass(frozen=True)
-class ExtendedDepth:
-    """Depth of each view, extrapolated to cells outside its image.
+def is_hidden(
+    gaussians: Gaussians, extended: Float[Tensor, "view cell cell"], centres: Float[Tensor, " cell"], cameras: Cameras
+) -> Bool[Tensor, " n"]:
+    """Return which Gaussians are outside every image, behind the extended depth of every view, and near no camera.
 
-    depth: scene units. centres: of the cells along either axis, in normalised image units, ascending; the image is
-    [0, 1].
+    extended: depth of each view, extrapolated to cells outside its image. centres: of the cells along either axis, in
+    normalised image units, ascending; the image is [0, 1].
     """
-
-    depth: Float[Tensor, "view cell cell"]
-    centres: Float[Tensor, " cell"]
-
-    @property
-    def bounds(self) -> Float[Tensor, " bound"]:
-        """Return the limits between cells along either axis."""
-        return 0.5 * (self.centres[1:] + self.centres[:-1])
-
-
-def is_hidden(gaussians: Gaussians, extended: ExtendedDepth, cameras: Cameras) -> Bool[Tensor, " n"]:
-    """Return which Gaussians are outside every image, behind the extended depth of every view, and near no camera."""
     means, axes = gaussians.means.T.contiguous(), standard_deviations(gaussians)
     hidden = torch.ones_like(gaussians.opacities, dtype=torch.bool)
-    for of_view in zip(extended.depth, cameras.world_to_camera, cameras.intrinsics, strict=True):
-        hidden = hidden & is_hidden_from(means, axes, extended.bounds, *of_view)
+    for of_view in zip(extended, cameras.world_to_camera, cameras.intrinsics, strict=True):
+        hidden = hidden & is_hidden_from(means, axes, bounds_of(centres), *of_view)
     return hidden
+
+
+def bounds_of(centres: Float[Tensor, " cell"]) -> Float[Tensor, " bound"]:
+    """Return the limits between cells along either axis."""
+    return 0.5 * (centres[1:] + centres[:-1])
 
 
 def standard_deviations(gaussians: Gaussians) -> Float[Tensor, "own 3 n"]:

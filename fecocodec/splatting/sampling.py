@@ -12,6 +12,9 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 
+Points = Float[Tensor, "view 3 h w"]  # positions in the frame of the cameras, or sRGB colours, one a Gaussian
+PerGaussian = Float[Tensor, "view h w"]
+
 
 def other_views(cameras: Cameras, *, fewest: int = 2) -> Iterator[tuple[Int64[Tensor, " view"], Cameras]]:
     """Yield for every shift the index of each view's other view, and the cameras of these other views.
@@ -29,8 +32,8 @@ SMALLEST_DEPTH = 1e-6  # scenes are normalised to near = 1
 
 
 def project(
-    cameras: Cameras, points: Float[Tensor, "view 3 h w"]
-) -> tuple[Float[Tensor, "view 2 h w"], Float[Tensor, "view h w"], Bool[Tensor, "view h w"]]:
+    cameras: Cameras, points: Points
+) -> tuple[Float[Tensor, "view 2 h w"], PerGaussian, Bool[Tensor, "view h w"]]:
     """Project points in the world frame, those of entry v into camera v.
 
     Returns normalised image positions, depths, and whether each point is inside the image. Points behind the camera get

@@ -18,7 +18,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.splatting.sampling import SMALLEST_DEPTH, other_views, project, sample_at
+from fecocodec.splatting.sampling import SMALLEST_DEPTH, Points, other_views, project, sample_at
 
 
 class NormalEquations(NamedTuple):
@@ -31,61 +31,36 @@ class NormalEquations(NamedTuple):
 def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int], config: ReceiverConfig) -> Gaussians:
     """Return the Gaussians of one scene with spherical harmonics of degree 1.
 
-    A single view, or Gaussians that already have degree 1 or more, are returned unchanged.
-
-    gaussians: ordered (view, row, column), with `grid` = (height, width) per view, in the frame of the cameras.
+    Each gets its own colour c in its own direction d, plus a fitted slope S (xyz to rgb). It minimises
+    sum_j w_j |S^T (d_j - d) - (c_j - c)|^2 + ridge^2 |S|^2 over the other views j; the weight w_j is small where the
+    surface of view j occludes the Gaussian. A single view, or Gaussians that already have degree 1 or more, are
+    returned unchanged. gaussians: ordered (view, row, column), with `grid` = (height, width) per view, in the frame of
+    the cameras.
     """
-    views = cameras.num_views
-    if views == 1 or gaussians.harmonics.shape[-2] > 1:
+    if cameras.num_views == 1 or gaussians.harmonics.shape[-2] > 1:
         return gaussians
-    harmonics = fitted_harmonics(gaussians.means, gaussians.harmonics, cameras, grid, config)
-    return replace(gaussians, harmonics=harmonics)
-
-
-def fitted_harmonics(
-    means: Float[Tensor, "n 3"],
-    harmonics: Float[Tensor, "n 1 3"],
-    cameras: Cameras,
-    grid: tuple[int, int],
-    config: ReceiverConfig,
-) -> Float[Tensor, "n 4 3"]:
-    """Return the harmonics of `view_dependent`: each Gaussian's own colour in its own direction d, plus a fitted slope.
-
-    The slope S (xyz to rgb) minimises sum_j w_j |S^T (d_j - d) - (c_j - c)|^2 + ridge^2 |S|^2 over the other views j.
-    The weight w_j is small where the surface of view j occludes the Gaussian.
-    """
-    views = cameras.num_views
-    points = rearrange(means, "(v h w) xyz -> v xyz h w", v=views, h=grid[0], w=grid[1]).contiguous()
-    own = (
-        0.5
-        + SH_DEGREE_0 * rearrange(harmonics, "(v h w) 1 rgb -> v rgb h w", v=views, h=grid[0], w=grid[1]).contiguous()
-    )
+    sizes = {"v": cameras.num_views, "h": grid[0], "w": grid[1]}
+    points = rearrange(gaussians.means, "(v h w) xyz -> v xyz h w", **sizes).contiguous()
+    own = 0.5 + SH_DEGREE_0 * rearrange(gaussians.harmonics, "(v h w) 1 rgb -> v rgb h w", **sizes).contiguous()
     surfaces = surfaces_of(points, own, cameras)
-    equations = start_of_equations(own)
+    empty = own.new_zeros(len(own), 3, *own.shape[1:])
+    equations = NormalEquations(empty, empty)
     for index, there in other_views(cameras):
         equations = with_view(equations, points, own, cameras, surfaces.index_select(0, index), there, config)
-    return harmonics_of(equations, points, own, cameras, config)
+    return replace(gaussians, harmonics=harmonics_of(equations, points, own, cameras, config))
 
 
-def surfaces_of(
-    points: Float[Tensor, "view 3 h w"], own: Float[Tensor, "view 3 h w"], cameras: Cameras
-) -> Float[Tensor, "view 4 h w"]:
+def surfaces_of(points: Points, own: Points, cameras: Cameras) -> Float[Tensor, "view 4 h w"]:
     """Return colour and inverse depth of each Gaussian in its own view. own: sRGB colours."""
     forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
     depth = ((points - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
     return torch.cat((own, 1.0 / depth[:, None].clamp_min(SMALLEST_DEPTH)), dim=1)
 
 
-def start_of_equations(own: Float[Tensor, "view 3 h w"]) -> NormalEquations:
-    """Return the normal equations of no view."""
-    empty = own.new_zeros(len(own), 3, *own.shape[1:])
-    return NormalEquations(empty, empty)
-
-
 def with_view(
     equations: NormalEquations,
-    points: Float[Tensor, "view 3 h w"],
-    own: Float[Tensor, "view 3 h w"],
+    points: Points,
+    own: Points,
     cameras: Cameras,
     surfaces: Float[Tensor, "view 4 h w"],
     judges: Cameras,
@@ -104,11 +79,7 @@ def with_view(
 
 
 def harmonics_of(
-    equations: NormalEquations,
-    points: Float[Tensor, "view 3 h w"],
-    own: Float[Tensor, "view 3 h w"],
-    cameras: Cameras,
-    config: ReceiverConfig,
+    equations: NormalEquations, points: Points, own: Points, cameras: Cameras, config: ReceiverConfig
 ) -> Float[Tensor, "n 4 3"]:
     """Return the harmonics of Gaussians, ordered (view, row, column), whose slopes solve the normal equations."""
     direction = _directions(points, cameras.extrinsics[:, :3, 3])
@@ -132,7 +103,7 @@ def _solution(equations: NormalEquations, ridge: float) -> Float[Tensor, "view 3
     return (adjugate[:, :, :, None] * equations.right[:, None]).sum(dim=2) / determinant[:, None, None]
 
 
-def _directions(points: Float[Tensor, "view 3 h w"], centres: Float[Tensor, "view 3"]) -> Float[Tensor, "view 3 h w"]:
+def _directions(points: Points, centres: Float[Tensor, "view 3"]) -> Points:
     """Return unit vectors to points from one camera centre per view."""
     offset = points - centres[..., None, None]
     return offset * offset.square().sum(dim=1, keepdim=True).clamp_min(SMALLEST_DEPTH**2).rsqrt()

@@ -4,10 +4,10 @@ import torch
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.receiver.model import Receiver
-from fecocodec.splatting.background import DEFAULT_BACKGROUND, cell_centres
+from fecocodec.splatting.background import DEFAULT_BACKGROUND, background_candidates, cell_centres
 from fecocodec.splatting.occluded import occluded_candidates
 from fecocodec.training.graphs import pairs, prediction
-from fecocodec.training.graphs.pairs import BehindGraph, CandidatesGraph, HideGraph, outside_candidates
+from fecocodec.training.graphs.pairs import BehindGraph, CandidatesGraph, HideGraph
 from fecocodec.training.graphs.prediction import UpdateGraph
 from fecocodec.training.graphs.specification import Graph, GraphInput, graph_of
 
@@ -105,7 +105,7 @@ def _background_graphs() -> dict[str, Graph]:
     )
     candidates = (*fields, "candidate_opacities", "candidate_colours")
     return {
-        "background": graph_of(CandidatesGraph(outside_candidates), known, *candidates, "extended"),
+        "background": graph_of(CandidatesGraph(background_candidates), known, *candidates, "extended"),
         "hide": graph_of(HideGraph(), known, "hidden_after"),
         "occluded": graph_of(CandidatesGraph(occluded_candidates), known, *candidates, "surface"),
         "behind": graph_of(BehindGraph(), known, "hidden_after"),

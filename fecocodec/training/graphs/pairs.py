@@ -12,11 +12,11 @@ from torch import Tensor, nn
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.splatting.background import DEFAULT_BACKGROUND, background_candidates, cell_centres
+from fecocodec.splatting.background import DEFAULT_BACKGROUND, cell_centres
 from fecocodec.splatting.confirmation import confirmation_by
 from fecocodec.splatting.duplicates import kept_beside, shown_surfaces
 from fecocodec.splatting.free_space import near_bound_violation_by, violation_by, with_confirmation
-from fecocodec.splatting.hidden import ExtendedDepth, is_hidden_from, standard_deviations
+from fecocodec.splatting.hidden import bounds_of, is_hidden_from, standard_deviations
 from fecocodec.splatting.occluded import is_behind
 from fecocodec.splatting.view_dependence import NormalEquations, surfaces_of, with_view
 
@@ -148,12 +148,6 @@ class CandidatesGraph(nn.Module):
         return *found.fields(), depth
 
 
-def outside_candidates(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int]) -> tuple[Gaussians, Tensor]:
-    """Return the candidates outside all images, and the extended depth of views."""
-    found, extended = background_candidates(gaussians, cameras, grid)
-    return found, extended.depth
-
-
 class HideGraph(nn.Module):
     """A view, candidates of the background layer -> candidates that this view does not show, among the hidden ones."""
 
@@ -178,7 +172,7 @@ class HideGraph(nn.Module):
         cameras = normalised(extrinsics, intrinsics)
         of_view = (x.index_select(0, index)[0] for x in (extended, cameras.world_to_camera, intrinsics))
         candidates = Gaussians(means, scales, rotations, means[:, 0], means[:, None])  # opacity, colour are not used
-        bounds = ExtendedDepth(extended, self.centres).bounds
+        bounds = bounds_of(self.centres)
         return hidden & is_hidden_from(means.T, standard_deviations(candidates), bounds, *of_view)
 
 
