@@ -150,8 +150,9 @@ def _predicted(receiver: Receiver, part: IntactPart, stages: Stages, on_progress
         lambda_q = header.lambda_q_of_stage(stage)
         coded = decode_latents(receiver.prior, payload, size_8, lambda_q, stage, context)
         check_symbol_digest(header, stage, coded.digest())
-        of_views = torch.full((header.num_views,), lambda_q, device=device)
-        return receiver.advance(state, coded.y_hat, of_views, stage), coded.y_hat
+        condition = receiver.condition(torch.full((header.num_views,), lambda_q, device=device), stage)
+        start = receiver.update.start(header.num_views, 1, 1) if state is None else state.state
+        return State(receiver.next_state(start, coded.y_hat, condition), condition), coded.y_hat
 
     def with_detail(detail: Detail, before: _Known) -> _Known:
         tables = None if receiver.detail is None else receiver.detail.tables.cpu().numpy()

@@ -17,7 +17,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.grid import PER_BLOCK
 from fecocodec.layers.blocks import BlockChain, RateCondition, RateEmbedding, upsample
 from fecocodec.receiver.predictor import Predictor
-from fecocodec.receiver.state import State, StateUpdate
+from fecocodec.receiver.state import Features, Latents, StateUpdate
 from fecocodec.splatting.attributes import RAW
 from fecocodec.splatting.emission import Prediction
 
@@ -58,9 +58,7 @@ class Synthesis(nn.Module):
         self.coarse = BlockChain(width, width, config.synthesis_depth)
         self.up = upsample(width, config.state_channels)
 
-    def forward(
-        self, y_hat: Float[Tensor, "item latent h8 w8"], condition: RateCondition
-    ) -> Float[Tensor, "item channel h4 w4"]:
+    def forward(self, y_hat: Latents, condition: RateCondition) -> Features:
         return self.up(self.coarse(self.input(y_hat / condition.latent_gain), condition))
 
 
@@ -89,29 +87,14 @@ class Receiver(nn.Module):
         return self.embedding(lambda_q, stage)
 
     def next_state(
-        self,
-        state: Float[Tensor, "item channel _ _"],
-        y_hat: Float[Tensor, "item latent h8 w8"],
-        condition: RateCondition,
-    ) -> Float[Tensor, "item channel h4 w4"]:
+        self, state: Float[Tensor, "item channel _ _"], y_hat: Latents, condition: RateCondition
+    ) -> Features:
         """S_k = U(concat(S_{k-1}, g_s(y_hat_k))) (paper, stage I and stage II)."""
         return self.update(state, self.synthesis(y_hat, condition), condition)
 
-    def advance(
-        self,
-        before: State | None,
-        y_hat: Float[Tensor, "view latent h8 w8"],
-        lambda_q: Int[Tensor, " view"],
-        stage: int,
-    ) -> State:
-        """Return the state of all views after stage 1 or 2. before: the state after stage 1, None in stage 1."""
-        condition = self.condition(lambda_q, stage)
-        state = self.update.start(len(lambda_q), 1, 1) if before is None else before.state
-        return State(self.next_state(state, y_hat, condition), condition)
-
     def predict(
         self,
-        state: Float[Tensor, "item channel h4 w4"],
+        state: Features,
         cameras: Cameras,
         condition: RateCondition,
         detail: Float[Tensor, "item plane h8 w8"] | None = None,

@@ -39,27 +39,12 @@ class NeighbourAttention(nn.Module):
         self.offset_bias = nn.Sequential(nn.Linear(OFFSET_CHANNELS, 16), nn.ReLU(), nn.Linear(16, NUM_HEADS))
         self.output = nn.Linear(attention_channels + NUM_HEADS * OFFSET_CHANNELS, channels)
 
-    def forward(
-        self,
-        features: Float[Tensor, "point channel"],
-        points: Float[Tensor, "point 3"],
-        depth: Float[Tensor, " point"],
-        world_to_view: Float[Tensor, "point 3 3"],
-    ) -> Float[Tensor, "point channel"]:
-        """Return the residual to add to the features.
-
-        points: in the world frame. depth: of each point in its own view. world_to_view: rotation of that view.
-
-        Points are processed in blocks, because gathered keys and values dominate the memory.
-        """
-        return self.attend_to(self.search(points), features, points, depth, world_to_view)
-
     def search(self, points: Float[Tensor, "point 3"]) -> Int[Tensor, "point k1"]:
         """Return the indices of the k + 1 nearest points of each point, or of k if there are no more points."""
         is_one_left = len(points) > self.num_neighbours
         return nearest_neighbours(points, self.num_neighbours + is_one_left)
 
-    def attend_to(
+    def forward(
         self,
         neighbours: Int[Tensor, "point k1"],
         features: Float[Tensor, "point channel"],
@@ -67,7 +52,11 @@ class NeighbourAttention(nn.Module):
         depth: Float[Tensor, " point"],
         world_to_view: Float[Tensor, "point 3 3"],
     ) -> Float[Tensor, "point channel"]:
-        """Return the residual for neighbours that `search` found; other arguments as for `forward`."""
+        """Return the residual to add to the features.
+
+        neighbours: of `search`. points: in the world frame. depth: of each point in its own view. world_to_view:
+        rotation of that view. Points are processed in blocks, because gathered keys and values dominate the memory.
+        """
         key_value, query = self.keys_values_and_queries(features)
         keys, values = (half.contiguous() for half in key_value.chunk(2, dim=-1))
         blocks = zip(*(x.split(POINTS_AT_ONCE) for x in (neighbours, query, points, depth, world_to_view)), strict=True)

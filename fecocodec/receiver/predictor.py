@@ -3,7 +3,7 @@
 import torch
 import torch.nn.functional as F
 from einops import rearrange, repeat
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.config import ReceiverConfig
@@ -18,12 +18,11 @@ from fecocodec.layers.blocks import (
     upsample,
 )
 from fecocodec.receiver.neighbour_attention import NeighbourAttention
+from fecocodec.receiver.state import Features
 from fecocodec.splatting.attributes import RAW, activate
 from fecocodec.splatting.emission import Prediction
 
-BeforeHead = tuple[
-    Float[Tensor, "item channel h4 w4"], Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]
-]
+Disparity = Float[Tensor, "batch view h4 w4"]  # relative disparity
 Detail = Float[Tensor, "item raw h2 w2"]  # added to the raw outputs of the head
 
 
@@ -53,11 +52,7 @@ class Predictor(nn.Module):
         nn.init.constant_(last.get_parameter("bias"), 0.0)
 
     def forward(
-        self,
-        state: Float[Tensor, "item channel h4 w4"],
-        cameras: Cameras,
-        condition: RateCondition,
-        detail: Detail | None = None,
+        self, state: Features, cameras: Cameras, condition: RateCondition, detail: Detail | None = None
     ) -> Prediction:
         """Predict attributes of Gaussians in the frame of the cameras.
 
@@ -67,17 +62,15 @@ class Predictor(nn.Module):
         return self.at_head(*self.before_head(state, cameras, condition), cameras, detail)
 
     def before_head(
-        self, state: Float[Tensor, "item channel h4 w4"], cameras: Cameras, condition: RateCondition
-    ) -> BeforeHead:
+        self, state: Features, cameras: Cameras, condition: RateCondition
+    ) -> tuple[Features, Features, Disparity]:
         """Return the features, the residual of attention and the relative disparity, from which the head predicts."""
         features, relative = self.geometry(state, cameras.num_views, condition)
         with residual_branch():
             attended = self._attend(features, relative, cameras)
         return features, attended, relative
 
-    def geometry(
-        self, state: Float[Tensor, "item channel h4 w4"], views: int, condition: RateCondition
-    ) -> tuple[Float[Tensor, "item channel h4 w4"], Float[Tensor, "batch view h4 w4"]]:
+    def geometry(self, state: Features, views: int, condition: RateCondition) -> tuple[Features, Disparity]:
         """Return features and relative disparity, the part of the predictor before attention."""
         with residual_branch():
             coarser = self._coarser(state, condition)
@@ -87,9 +80,9 @@ class Predictor(nn.Module):
 
     def at_head(
         self,
-        features: Float[Tensor, "item channel h4 w4"],
-        attended: Float[Tensor, "item channel h4 w4"],
-        relative: Float[Tensor, "batch view h4 w4"],
+        features: Features,
+        attended: Features,
+        relative: Disparity,
         cameras: Cameras,
         detail: Detail | None = None,
     ) -> Prediction:
@@ -109,11 +102,21 @@ class Predictor(nn.Module):
     def _attend(self, features: Tensor, relative: Tensor, cameras: Cameras) -> Tensor:
         """Return the residual of KNN attention over the points of all views, per scene, at half the resolution."""
         points, depth = self.attention_points(relative, cameras)
-        neighbours = torch.stack([self.attention.search(scene) for scene in points])
-        return self.attended(features, points, depth, neighbours, cameras)
+        pooled, views = F.avg_pool2d(features, 2), cameras.num_views
+        height, width = pooled.shape[-2:]
+        scenes = zip(
+            [self.attention.search(scene) for scene in points],
+            rearrange(pooled, "(b v) c h w -> b (v h w) c", v=views),
+            points,
+            depth,
+            repeat(cameras.world_to_camera[..., :3, :3], "b v i j -> b (v h w) i j", h=height, w=width),
+            strict=True,
+        )
+        attended = torch.stack([self.attention(*scene) for scene in scenes])
+        return enlarged(rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height, w=width))
 
     def attention_points(
-        self, relative: Float[Tensor, "batch view h4 w4"], cameras: Cameras
+        self, relative: Disparity, cameras: Cameras
     ) -> tuple[Float[Tensor, "batch n 3"], Float[Tensor, "batch n"]]:
         """Return the points of KNN attention in the frame of the cameras, and their depths, at half the resolution."""
         relative = F.avg_pool2d(relative, 2)
@@ -122,31 +125,7 @@ class Predictor(nn.Module):
         points = camera_to_world_points(cameras, pixel_rays(cameras, height, width) * depth[..., None])
         return rearrange(points, "b v h w xyz -> b (v h w) xyz"), rearrange(depth, "b v h w -> b (v h w)")
 
-    def attended(
-        self,
-        features: Float[Tensor, "item channel h4 w4"],
-        points: Float[Tensor, "batch n 3"],
-        depth: Float[Tensor, "batch n"],
-        neighbours: Int[Tensor, "batch n k1"],
-        cameras: Cameras,
-    ) -> Float[Tensor, "item channel h4 w4"]:
-        """Return the residual of attention to neighbours that `NeighbourAttention.search` found."""
-        views = cameras.num_views
-        pooled = F.avg_pool2d(features, 2)
-        height, width = pooled.shape[-2:]
-        scenes = zip(
-            neighbours,
-            rearrange(pooled, "(b v) c h w -> b (v h w) c", v=views),
-            points,
-            depth,
-            repeat(cameras.world_to_camera[..., :3, :3], "b v i j -> b (v h w) i j", h=height, w=width),
-            strict=True,
-        )
-        attended = torch.stack([self.attention.attend_to(*scene) for scene in scenes])
-        attended = rearrange(attended, "b (v h w) c -> (b v) c h w", v=views, h=height, w=width)
-        return enlarged(attended)
 
-
-def enlarged(attended: Float[Tensor, "item channel h8 w8"]) -> Float[Tensor, "item channel h4 w4"]:
+def enlarged(attended: Float[Tensor, "item channel h8 w8"]) -> Features:
     """Return the residual of attention at the resolution of the features."""
     return F.interpolate(attended, scale_factor=2.0, mode="nearest")

@@ -9,6 +9,9 @@ from torch import Tensor, nn
 from fecocodec.config import ReceiverConfig
 from fecocodec.layers.blocks import Block2d, PointwiseConv2d, RateCondition, pointwise
 
+Features = Float[Tensor, "item channel h4 w4"]  # item = (batch view)
+Latents = Float[Tensor, "item latent h8 w8"]
+
 
 @dataclass(frozen=True)
 class State:
@@ -32,16 +35,13 @@ class StateUpdate(nn.Module):
         self.join = PointwiseConv2d(2 * channels, channels)
         self.block = Block2d(channels, config.fine_hidden)
 
-    def start(self, num_items: int, height4: int, width4: int) -> Float[Tensor, "item channel h4 w4"]:
+    def start(self, num_items: int, height4: int, width4: int) -> Features:
         """Return S0, which is the same at every position of every view."""
         return self.initial_state.expand(num_items, -1, height4, width4)
 
     def forward(
-        self,
-        state: Float[Tensor, "item channel _ _"],
-        features: Float[Tensor, "item channel h4 w4"],
-        condition: RateCondition,
-    ) -> Float[Tensor, "item channel h4 w4"]:
+        self, state: Float[Tensor, "item channel _ _"], features: Features, condition: RateCondition
+    ) -> Features:
         """Return the next state. A state of spatial size 1x1 must be `start(n, 1, 1)`, the same for all items.
 
         The 1x1 convolution of the concatenation is computed as a sum of two, which avoids the copy.

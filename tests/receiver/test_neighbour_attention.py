@@ -15,7 +15,8 @@ def attend(points: Tensor, fade: float = 1.0) -> Tensor:
     torch.manual_seed(0)
     attention = NeighbourAttention(8, 8, NUM_NEIGHBOURS, fade).requires_grad_(False)
     features = torch.randn(len(points), 8)
-    return attention(features, points, torch.ones(len(points)), torch.eye(3).expand(len(points), 3, 3))[0]
+    poses = torch.ones(len(points)), torch.eye(3).expand(len(points), 3, 3)
+    return attention(attention.search(points), features, points, *poses)[0]
 
 
 def around(radius: float) -> Tensor:
@@ -46,7 +47,9 @@ def test_finite_for_few_points_for_points_in_one_place_and_for_far_ones(count: i
 def test_points_are_worked_off_in_blocks_without_a_trace(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
     torch.manual_seed(2)
     attention = NeighbourAttention(8, 8, NUM_NEIGHBOURS, 1.0).requires_grad_(False)
-    of_points = torch.randn(40, 8), torch.randn(40, 3), torch.rand(40) + 0.5, torch.linalg.qr(torch.randn(40, 3, 3)).Q
-    whole = attention(*of_points)
+    points = torch.randn(40, 3)
+    poses = torch.rand(40) + 0.5, torch.linalg.qr(torch.randn(40, 3, 3)).Q
+    given = attention.search(points), torch.randn(40, 8), points, *poses
+    whole = attention(*given)
     monkeypatch.setattr(neighbour_attention, "POINTS_AT_ONCE", at_once)
-    torch.testing.assert_close(attention(*of_points), whole, atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(attention(*given), whole, atol=1e-6, rtol=1e-5)
