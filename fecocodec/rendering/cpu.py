@@ -19,7 +19,7 @@ from fecocodec.rendering.projection import covariances_backward, covariances_of,
 from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
-from fecocodec.rendering.tiles import TileLists, front_to_back, sum_over_tiles, tile_lists
+from fecocodec.rendering.tiles import TileLists, front_to_back, sum_hits, tile_lists
 
 Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32
 
@@ -154,7 +154,7 @@ def _composite_backward(
         lists = (tiles.first, tiles.offsets, tiles.splat_of_hit)
         hit_gradients = np.empty((len(tiles.splat_of_hit), len(DIFFERENTIABLE_FIELDS)), np.float32)
         run_in_ranges(composite_backward, tiles.stop - tiles.first, *lists, splats, images, d_images, hit_gradients)
-        sum_over_tiles(tiles, hit_gradients, gradients)
+        sum_hits(tiles.splat_of_hit, hit_gradients, gradients)
     return gradients
 
 

@@ -18,7 +18,13 @@ from torch import Tensor, nn
 from fecocodec.checkpoint import SHIPPED, load_into, read_tensors
 from fecocodec.errors import ModelError
 from fecocodec.rendering.metrics import require_sides
-from fecocodec.rendering.perceptual import distance_of_features, distances_of_pairs, normalised
+from fecocodec.rendering.perceptual import (
+    PictureBatch,
+    Pictures,
+    distance_of_features,
+    distances_of_pairs,
+    normalised,
+)
 
 LPIPS_WEIGHTS = SHIPPED / "lpips"
 
@@ -82,9 +88,7 @@ class Lpips(nn.Module):
         for layer, number in enumerate(trunk.compared):
             self.add_module(f"linear{layer}", nn.Conv2d(trunk.channels[number], 1, 1, bias=False))
 
-    def forward(
-        self, images: Float[Tensor, "image 3 height width"], targets: Float[Tensor, "image 3 height width"]
-    ) -> Float[Tensor, " image"]:
+    def forward(self, images: Pictures, targets: Pictures) -> Float[Tensor, " image"]:
         """Return the distance of each pair. images, targets: sRGB in [0, 1]."""
         distance = images.new_zeros(len(images))
         x = normalised(torch.cat((images, targets)))
@@ -123,9 +127,7 @@ def load_lpips(trunk: str, device: str = "cpu", folder: Path = LPIPS_WEIGHTS) ->
     return network.eval().requires_grad_(False).to(device)
 
 
-def lpips_vgg(
-    images: Float[Tensor, "*batch 3 height width"], targets: Float[Tensor, "*batch 3 height width"]
-) -> Float[Tensor, "*batch"]:
+def lpips_vgg(images: PictureBatch, targets: PictureBatch) -> Float[Tensor, "*batch"]:
     """Return the LPIPS (VGG16) of each pair, 0 for equal images. images, targets: sRGB in [0, 1].
 
     Gradients reach the images. Raises InputError if a side is shorter than 16 pixels, ModelError without its weights.
@@ -133,9 +135,7 @@ def lpips_vgg(
     return _distances("vgg16", images, targets)
 
 
-def lpips_alex(
-    images: Float[Tensor, "*batch 3 height width"], targets: Float[Tensor, "*batch 3 height width"]
-) -> Float[Tensor, "*batch"]:
+def lpips_alex(images: PictureBatch, targets: PictureBatch) -> Float[Tensor, "*batch"]:
     """Return the LPIPS (AlexNet) of each pair. As `lpips_vgg`; sides have at least 31 pixels."""
     return _distances("alexnet", images, targets)
 
@@ -149,6 +149,4 @@ def _scaled(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
     """Return weights in float32: those in int8 are multiplied by `convN.scale`, one factor per output channel."""
     scales = {name.removesuffix("scale"): value for name, value in tensors.items() if name.endswith(".scale")}
     found = {name: value for name, value in tensors.items() if not name.endswith(".scale")}
-    return found | {
-        f"{conv}weight": found[f"{conv}weight"] * scale[:, None, None, None] for conv, scale in scales.items()
-    }
+    return found | {f"{of}weight": found[f"{of}weight"] * scale[:, None, None, None] for of, scale in scales.items()}

@@ -12,9 +12,10 @@ _SIGMA_PX = 1.5
 _STABILISER_MEAN, _STABILISER_VARIANCE = 0.01**2, 0.03**2  # (K1 L)^2 and (K2 L)^2 for a data range of L = 1
 _SCALE_EXPONENTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # from the finest scale to the coarsest
 MS_SSIM_LEAST_SIDE = _WINDOW * 2 ** (len(_SCALE_EXPONENTS) - 1)
+Images = Float[Tensor, "*batch channel height width"]
 
 
-def require_sides(images: Float[Tensor, "*batch channel height width"], least: int, metric: str) -> None:
+def require_sides(images: Images, least: int, metric: str) -> None:
     """Raise InputError if a metric is not defined for images of this size."""
     height, width = images.shape[-2:]
     if min(height, width) < least:
@@ -24,8 +25,8 @@ def require_sides(images: Float[Tensor, "*batch channel height width"], least: i
 
 
 def psnr(
-    images: Float[Tensor, "*batch channel height width"],
-    targets: Float[Tensor, "*batch channel height width"],
+    images: Images,
+    targets: Images,
     ignored: Bool[Tensor, "*batch height width"] | None = None,
     *,
     added_error: float = 0.0,
@@ -38,9 +39,7 @@ def psnr(
     return -10.0 * torch.log10(_mean_square(images - targets, ignored) + added_error)
 
 
-def _mean_square(
-    errors: Float[Tensor, "*batch channel height width"], ignored: Bool[Tensor, "*batch height width"] | None
-) -> Float[Tensor, "*batch"]:
+def _mean_square(errors: Images, ignored: Bool[Tensor, "*batch height width"] | None) -> Float[Tensor, "*batch"]:
     """Return the mean over the pixels that are not ignored; 0 if all are."""
     squares = errors.square()
     if ignored is None:
@@ -49,11 +48,7 @@ def _mean_square(
     return (squares.mean(dim=-3) * kept).sum(dim=(-2, -1)) / kept.sum(dim=(-2, -1)).clamp(min=1.0)
 
 
-def ssim(
-    images: Float[Tensor, "*batch channel height width"],
-    targets: Float[Tensor, "*batch channel height width"],
-    stride: int = 1,
-) -> Float[Tensor, "*batch"]:
+def ssim(images: Images, targets: Images, stride: int = 1) -> Float[Tensor, "*batch"]:
     """Return the structural similarity of each image, for values in [0, 1]; 1 for equal images.
 
     Wang et al., "Image Quality Assessment: From Error Visibility to Structural Similarity", 2004: Gaussian window of
@@ -90,9 +85,7 @@ def ms_ssim(
 
 
 def _luminance_and_structure(
-    images: Float[Tensor, "*batch channel height width"],
-    targets: Float[Tensor, "*batch channel height width"],
-    stride: int = 1,
+    images: Images, targets: Images, stride: int = 1
 ) -> tuple[Float[Tensor, "*batch channel height_in width_in"], Float[Tensor, "*batch channel height_in width_in"]]:
     """Return the two factors of SSIM at each window; structure includes contrast."""
     rows, columns = (_windows(side, images)[::stride] for side in images.shape[-2:])

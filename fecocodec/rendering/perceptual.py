@@ -22,6 +22,8 @@ _CHANNELS = (3, 64, 192, 384, 256, 256)
 _KERNELS_AND_PADDINGS = ((11, 2), (5, 2), (3, 1), (3, 1), (3, 1))
 _POOLED_SLICES = (2, 3)
 _EPSILON = 1e-10  # added to the norm of a feature vector
+Pictures = Float[Tensor, "image 3 height width"]
+PictureBatch = Float[Tensor, "*batch 3 height width"]
 
 
 class StLpips(nn.Module):
@@ -37,9 +39,7 @@ class StLpips(nn.Module):
             self.add_module(f"conv{number}", nn.Conv2d(before, after, kernel, padding=padding))
             self.add_module(f"linear{number}", nn.Conv2d(after, 1, 1, bias=False))
 
-    def forward(
-        self, images: Float[Tensor, "image 3 height width"], targets: Float[Tensor, "image 3 height width"]
-    ) -> Float[Tensor, " image"]:
+    def forward(self, images: Pictures, targets: Pictures) -> Float[Tensor, " image"]:
         """Return the distance of each pair. images, targets: sRGB in [0, 1]."""
         distance = images.new_zeros(len(images))
         x = normalised(torch.cat((images, targets)))
@@ -65,9 +65,7 @@ def load_st_lpips(device: str = "cpu") -> StLpips:
     return network.eval().requires_grad_(False).to(device)
 
 
-def st_lpips(
-    images: Float[Tensor, "*batch 3 height width"], targets: Float[Tensor, "*batch 3 height width"]
-) -> Float[Tensor, "*batch"]:
+def st_lpips(images: PictureBatch, targets: PictureBatch) -> Float[Tensor, "*batch"]:
     """Return the ST-LPIPS (AlexNet) of each pair, 0 for equal images. images, targets: sRGB in [0, 1].
 
     Gradients reach the images. Raises InputError if a side is shorter than 21 pixels.
@@ -76,15 +74,13 @@ def st_lpips(
     return distances_of_pairs(load_st_lpips(str(images.device)), images, targets)
 
 
-def distances_of_pairs(
-    network: nn.Module, images: Float[Tensor, "*batch 3 height width"], targets: Float[Tensor, "*batch 3 height width"]
-) -> Float[Tensor, "*batch"]:
+def distances_of_pairs(network: nn.Module, images: PictureBatch, targets: PictureBatch) -> Float[Tensor, "*batch"]:
     """Return what a network of pairs returns for images with any batch dimensions."""
     distances: Tensor = network(*(stack.reshape(-1, *stack.shape[-3:]) for stack in (images, targets)))
     return distances.reshape(images.shape[:-3])
 
 
-def normalised(images: Float[Tensor, "image 3 height width"]) -> Float[Tensor, "image 3 height width"]:
+def normalised(images: Pictures) -> Pictures:
     """Return images, sRGB in [0, 1], as LPIPS and ST-LPIPS expect them."""
     shift, scale = (images.new_tensor(values)[:, None, None] for values in (_SHIFT, _SCALE))
     return (2.0 * images - 1.0 - shift) / scale

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32, Int64
+from jaxtyping import Int32, Int64
 
 from fecocodec.kernels.compilation import compiled
 
@@ -52,13 +52,6 @@ def tile_lists(
         _list_hits(reached, order, columns, first, stop, offsets[:-1].copy(), splat_of_hit)
         yield TileLists(first, stop, offsets, splat_of_hit)
         first = stop
-
-
-def sum_over_tiles(
-    lists: TileLists, hit_gradients: Float32[np.ndarray, "hits fields"], gradients: Float32[np.ndarray, "n fields"]
-) -> None:
-    """Add the gradients of each hit to those of its splat, in a fixed order."""
-    _sum_hits(lists.splat_of_hit, hit_gradients, gradients)
 
 
 @compiled
@@ -115,7 +108,8 @@ def _list_hits(reached, order, columns, first, stop, position, splat_of_hit):
 
 
 @compiled
-def _sum_hits(splat_of_hit, hit_gradients, gradients):
+def sum_hits(splat_of_hit, hit_gradients, gradients):
+    """Add the gradients of each hit, [hit field], to those of its splat, [splat field], in a fixed order."""
     for hit in range(len(splat_of_hit)):
         for field in range(gradients.shape[1]):
             gradients[splat_of_hit[hit], field] += hit_gradients[hit, field]
