@@ -20,7 +20,7 @@ from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.lambda_roles import price_of_rate
 from fecocodec.sender.optimisation_config import OptimisationConfig
-from fecocodec.sender.references import References
+from fecocodec.sender.references import Pictures, References
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import EstimatedLatent, LatentCoder, Optimise, StageInputs
 
@@ -40,7 +40,7 @@ class Objective:
 
     distortion: Float[Tensor, ""]
     rate: Float[Tensor, ""]
-    errors: Float[Tensor, "view 3 h w"]
+    errors: Pictures
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Slope:
 
     gradient: Latent
     of_rate: Latent
-    errors: Float[Tensor, "view 3 h w"]
+    errors: Pictures
 
 
 Evaluate = Callable[[Latent], Objective]
@@ -65,7 +65,7 @@ class HeldViews:
     """Views between the context views, as rendered before the optimisation; changes of them are penalised."""
 
     cameras: Cameras
-    images: Float[Tensor, "view 3 h w"]
+    images: Pictures
 
 
 def optimiser(

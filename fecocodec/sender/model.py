@@ -21,6 +21,7 @@ from fecocodec.config import (
 from fecocodec.errors import ModelError
 from fecocodec.grid import FEATURES, VALUES_PER_CELL
 from fecocodec.layers.blocks import Block2d, BlockChain, PointwiseConv2d, RateCondition, downsample
+from fecocodec.receiver.state import Features, Latents
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter
 from fecocodec.sender.extractors.compact import CompactExtractor
 from fecocodec.sender.extractors.depthsplat_base.extractor import DepthSplatBase
@@ -50,7 +51,7 @@ class FeedbackExtractor(nn.Module):
         renderings: Float[Tensor, "item 3 h w"],
         depth_errors: Float[Tensor, "item 2 h4 w4"],
         condition: RateCondition,
-    ) -> Float[Tensor, "item channel h4 w4"]:
+    ) -> Features:
         """Return F2. images, renderings: sRGB in [0, 1], sides multiples of 4. depth_errors: see `depth_feedback`."""
         return self.blocks(self.input(self.inputs(images, renderings, depth_errors)), condition)
 
@@ -110,12 +111,7 @@ class Analysis(nn.Module):
         self.coarse = BlockChain(width, width, 2)
         self.output = nn.Conv2d(width, receiver.latent_channels, 3, padding=1)
 
-    def forward(
-        self,
-        features: Float[Tensor, "item channel h4 w4"],
-        state: Float[Tensor, "item channel h4 w4"],
-        condition: RateCondition,
-    ) -> Float[Tensor, "item latent h8 w8"]:
+    def forward(self, features: Features, state: Features, condition: RateCondition) -> Latents:
         fine = self.fine(self.join(torch.cat((features, state), dim=1)), condition)
         latent = condition.latent_gain * self.output(self.coarse(self.down(fine), condition))
         return latent.clamp(-LARGEST_LATENT, LARGEST_LATENT)
@@ -135,7 +131,7 @@ class HyperAnalysis(nn.Module):
             nn.Conv2d(width, receiver.hyper_channels, 4, stride=2, padding=1),
         )
 
-    def forward(self, y: Float[Tensor, "item latent h8 w8"]) -> Float[Tensor, "item hyper h32 w32"]:
+    def forward(self, y: Latents) -> Float[Tensor, "item hyper h32 w32"]:
         compressed = torch.sign(y) * torch.log1p(y.abs())  # the range of y varies by decades with lambda
         return F.hardtanh(self.layers(compressed), -LARGEST_LATENT, LARGEST_LATENT)
 

@@ -18,6 +18,7 @@ from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.progress import Progress
+from fecocodec.receiver.state import Features, Latents
 from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.coverage import BLACK, WHITE, CutOut, cut_out_of
@@ -105,7 +106,7 @@ class SceneEncoder:
 
     def code_stage(
         self,
-        features: Float[Tensor, "item channel h4 w4"],
+        features: Features,
         inputs: StageInputs,
         code: LatentCoder[Coded],
         improve: Improvements,
@@ -160,13 +161,13 @@ class SceneEncoder:
         disparity = self.matching.depth.relative_disparity
         return view_overlap(self.images[0], disparity, self.cameras.scene(0), self.guides, self.ignored)
 
-    def features(self, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
+    def features(self, condition: RateCondition) -> Features:
         """Return F1 = E_mv(I, P). Only that of a conditioned adapter depends on the rate."""
         extractor = self.codec.sender.extractor
         return extractor.fuse(self.images, self.matching, condition) if extractor.is_conditioned else self._features
 
     @cached_property
-    def _features(self) -> Float[Tensor, "item channel h4 w4"]:
+    def _features(self) -> Features:
         features: Tensor = self.codec.sender.extractor.fuse(self.images, self.matching)
         return features
 
@@ -175,21 +176,17 @@ class SceneEncoder:
         """S0. It is the same at every position, hence 1x1."""
         return self.codec.receiver.update.start(self.images.shape[0] * self.num_views, 1, 1)
 
-    def analyse(
-        self, features: Float[Tensor, "item channel h4 w4"], inputs: StageInputs
-    ) -> Float[Tensor, "item latent h8 w8"]:
+    def analyse(self, features: Features, inputs: StageInputs) -> Latents:
         """y_k = g_a(concat(F_k, S_{k-1}))."""
         state = inputs.state.expand(-1, -1, *features.shape[-2:])
         y: Tensor = self.codec.sender.analysis(features, state, inputs.condition)
         return y
 
-    def update(
-        self, inputs: StageInputs, y_hat: Float[Tensor, "item latent h8 w8"]
-    ) -> Float[Tensor, "item channel h4 w4"]:
+    def update(self, inputs: StageInputs, y_hat: Latents) -> Features:
         """S_k = U(concat(S_{k-1}, g_s(y_hat_k)))."""
         return self.codec.receiver.next_state(inputs.state, y_hat, inputs.condition)
 
-    def predict(self, state: Float[Tensor, "item channel h4 w4"], condition: RateCondition) -> Prediction:
+    def predict(self, state: Features, condition: RateCondition) -> Prediction:
         """Return P(S_k) of all scenes."""
         return self.codec.receiver.predict(state, self.cameras, condition)
 
@@ -229,18 +226,15 @@ class SceneEncoder:
         """What is behind the Gaussians in `images`, sRGB: cut-outs are on white."""
         return BLACK if self.cut_out is None else WHITE
 
-    def feedback(self, rendering: StageRendering, condition: RateCondition) -> Float[Tensor, "item channel h4 w4"]:
+    def feedback(self, rendering: StageRendering, condition: RateCondition) -> Features:
         """F_{k+1} = E_fb(I, I_k_hat, depth errors). Gradients do not reach the previous stage."""
         rendered = torch.cat([scene.color[: self.num_views] for scene in rendering.scenes]).detach()
         disparity = rearrange(rendering.prediction.relative_disparity, "b v h w -> (b v) 1 h w")
         return self.features_of_errors(rendered, disparity, condition)
 
     def features_of_errors(
-        self,
-        rendered: Float[Tensor, "item 3 h w"],
-        disparity: Float[Tensor, "item 1 h4 w4"],
-        condition: RateCondition,
-    ) -> Float[Tensor, "item channel h4 w4"]:
+        self, rendered: Float[Tensor, "item 3 h w"], disparity: Float[Tensor, "item 1 h4 w4"], condition: RateCondition
+    ) -> Features:
         """Apply E_fb. rendered: I_k_hat, sRGB in [0, 1]. disparity: relative disparity predicted after stage k."""
         images = rearrange(self.images, "b v rgb h w -> (b v) rgb h w")
         if self.ignored is not None:

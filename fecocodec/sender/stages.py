@@ -12,6 +12,7 @@ from fecocodec.coding.rate import estimate_latents, rounding, straight_through
 from fecocodec.coding.symbol_choice import no_price, price_of_bits
 from fecocodec.layers.blocks import RateCondition
 from fecocodec.progress import Progress
+from fecocodec.receiver.state import Features, Latents
 from fecocodec.rendering.rasterizer import Rendering
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.fading import Fade, Fading
@@ -34,7 +35,7 @@ class StageInputs:
     lambda_q: Int[Tensor, " item"]
     condition: RateCondition
     state: Float[Tensor, "item channel _ _"]
-    y_hat: Float[Tensor, "item latent h8 w8"] | None
+    y_hat: Latents | None
     fading: Fading | None = None
 
 
@@ -43,14 +44,14 @@ class CodedLatent(Protocol):
     """Latent after coding. Coders add further fields, such as bytes or estimated bits."""
 
     @property
-    def y_hat(self) -> Float[Tensor, "item latent h8 w8"]: ...
+    def y_hat(self) -> Latents: ...
 
 
 Coded = TypeVar("Coded", bound=CodedLatent)
-LatentCoder = Callable[[Float[Tensor, "item latent h8 w8"], StageInputs], Coded]
+LatentCoder = Callable[[Latents, StageInputs], Coded]
 Optimise = Callable[
-    [Float[Tensor, "item latent h8 w8"], Float[Tensor, "item channel h4 w4"], StageInputs, Progress],
-    Float[Tensor, "item latent h8 w8"],
+    [Latents, Features, StageInputs, Progress],
+    Latents,
 ]
 
 
@@ -97,9 +98,9 @@ class Stage(Generic[Coded]):
     """
 
     inputs: StageInputs
-    y: Float[Tensor, "item latent h8 w8"]
+    y: Latents
     coded: Coded
-    state: Float[Tensor, "item channel h4 w4"]
+    state: Features
     feedback: StageRendering | None
     fading: Fading | None = None
 
@@ -117,7 +118,7 @@ class WrittenLatent:
 class EstimatedLatent:
     """Quantised latent with straight-through gradients. bits: estimated number of bits of each item."""
 
-    y_hat: Float[Tensor, "item latent h8 w8"]
+    y_hat: Latents
     bits: Float[Tensor, " item"]
 
 

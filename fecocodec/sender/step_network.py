@@ -21,6 +21,7 @@ from fecocodec.layers.blocks import (
     RowsLinear,
     downsample,
 )
+from fecocodec.receiver.state import Features, Latents
 
 LARGEST_LOG_SCALE = 3.0  # of the gradient's part of a step
 ERROR_SCALE = 4.0  # errors are small against 1
@@ -54,7 +55,7 @@ class StepNetwork(nn.Module):
         return network
 
     def prepare(
-        self, features: Float[Tensor, "item channel h4 w4"], state: Float[Tensor, "item channel _ _"]
+        self, features: Features, state: Float[Tensor, "item channel _ _"]
     ) -> Float[Tensor, "item width h8 w8"]:
         """Return the argument `known`, which is the same in all steps of a stage. features: F_k. state: S_{k-1}."""
         known: Tensor = self.known(torch.cat((features, state.expand(-1, -1, *features.shape[-2:])), dim=1))
@@ -62,15 +63,15 @@ class StepNetwork(nn.Module):
 
     def forward(
         self,
-        gradient: Float[Tensor, "item latent h8 w8"],
-        of_rate: Float[Tensor, "item latent h8 w8"],
-        y: Float[Tensor, "item latent h8 w8"],
-        previous: Float[Tensor, "item latent h8 w8"],
+        gradient: Latents,
+        of_rate: Latents,
+        y: Latents,
+        previous: Latents,
         left: float,
         errors: Float[Tensor, "item 3 h w"],
         known: Float[Tensor, "item width h8 w8"],
         condition: RateCondition,
-    ) -> Float[Tensor, "item latent h8 w8"]:
+    ) -> Latents:
         """Return the proposed step; the caller multiplies it by the present length of steps.
 
         gradient: of the objective, with an RMS of 1. of_rate: gradient of the rate term, on the same scale. previous:

@@ -18,7 +18,8 @@ from fecocodec.errors import ModelError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.grid import FEATURES
 from fecocodec.layers.blocks import BlockChain, PlainBlock2d, PointwiseConv2d, RateCondition
-from fecocodec.sender.extractors.protocol import MatchedDepth, Matching
+from fecocodec.receiver.state import Features
+from fecocodec.sender.extractors.protocol import Images, MatchedDepth, Matching
 from fecocodec.sender.scene import Guides
 
 NUM_BLOCKS, HIDDEN = 3, 96
@@ -31,9 +32,7 @@ class LargeExtractor(Protocol):
     def num_channels(self) -> int:
         """Return the number of channels of the features."""
 
-    def features(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
-    ) -> Float[Tensor, "batch view channel h w"]:
+    def features(self, images: Images, cameras: Cameras) -> Float[Tensor, "batch view channel h w"]:
         """Return features at the resolution of the images, on their device.
 
         images: sRGB in [0, 1], sides multiples of 32. cameras: scenes normalised to near = 1. The features must be
@@ -68,7 +67,7 @@ class AdaptedExtractor(nn.Module):
 
     def match(
         self,
-        images: Float[Tensor, "batch view 3 h w"],
+        images: Images,
         cameras: Cameras,
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
@@ -97,12 +96,7 @@ class AdaptedExtractor(nn.Module):
         """The frozen extractor has no parts here."""
         return ()
 
-    def fuse(
-        self,
-        images: Float[Tensor, "batch view 3 h w"],
-        matching: AdaptedFeatures,
-        condition: RateCondition | None = None,
-    ) -> Float[Tensor, "item channel h4 w4"]:
+    def fuse(self, images: Images, matching: AdaptedFeatures, condition: RateCondition | None = None) -> Features:
         """Run the trained adapter. The images and the condition are not used."""
         return self.blocks(self.input(matching.unshuffled))
 
@@ -116,12 +110,7 @@ class ConditionedAdapter(AdaptedExtractor):
         super().__init__(extractor, channels)
         self.blocks = BlockChain(channels, HIDDEN, NUM_BLOCKS)
 
-    def fuse(
-        self,
-        images: Float[Tensor, "batch view 3 h w"],
-        matching: AdaptedFeatures,
-        condition: RateCondition | None = None,
-    ) -> Float[Tensor, "item channel h4 w4"]:
+    def fuse(self, images: Images, matching: AdaptedFeatures, condition: RateCondition | None = None) -> Features:
         """Run the trained adapter. Raises ModelError without a condition."""
         if condition is None:
             raise ModelError("The adapter depends on lambda; call `fuse` with a rate condition.")

@@ -12,6 +12,7 @@ from fecocodec.layers.blocks import RateCondition
 from fecocodec.sender.scene import Guides
 
 DIFFERENCE_SCALE = 10.0  # input scaling: typical differences of relative disparity are a few hundredths
+Images = Float[Tensor, "batch view 3 h w"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Extractor(Protocol):
 
     def match(
         self,
-        images: Float[Tensor, "batch view 3 h w"],
+        images: Images,
         cameras: Cameras,
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
@@ -80,6 +81,6 @@ class Extractor(Protocol):
         """
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], matching: Any, condition: RateCondition | None = None
+        self, images: Images, matching: Any, condition: RateCondition | None = None
     ) -> Float[Tensor, "item channel h4 w4"]:
         """Return F1. matching: of `match`. condition: needed if `is_conditioned`."""

@@ -13,9 +13,11 @@ _TRAINED_SIDE = 37  # side of the trained position embedding, in patches
 _OFFSET = 0.1  # added to the number of patches when the embedding is resized, as in DINOv2
 _EPSILON = 1e-6
 _FIRST_SCALE = 1e-5  # of LayerScale, before training
+Tokens = Float[Tensor, "item token channel"]
+Pictures = Float[Tensor, "item 3 h w"]
 
 
-def normalised(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 h w"]:
+def normalised(images: Pictures) -> Pictures:
     """Return images, sRGB in [0, 1], with the mean and the standard deviation of ImageNet removed."""
     mean, deviation = (images.new_tensor(x)[:, None, None] for x in (IMAGENET_MEAN, IMAGENET_DEVIATION))
     return (images - mean) / deviation
@@ -39,7 +41,7 @@ class Attention(nn.Module):
         super().__init__()
         self.qkv, self.proj = nn.Linear(channels, 3 * channels), nn.Linear(channels, channels)
 
-    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
+    def forward(self, x: Tokens) -> Tokens:
         query, key, value = rearrange(self.qkv(x), "i t (three n c) -> three i n t c", three=3, c=_HEAD_CHANNELS)
         attended = F.scaled_dot_product_attention(query, key, value)
         return self.proj(rearrange(attended, "i n t c -> i t (n c)"))
@@ -52,7 +54,7 @@ class Mlp(nn.Module):
         super().__init__()
         self.fc1, self.fc2 = nn.Linear(channels, 4 * channels), nn.Linear(4 * channels, channels)
 
-    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
+    def forward(self, x: Tokens) -> Tokens:
         return self.fc2(F.gelu(self.fc1(x)))
 
 
@@ -65,7 +67,7 @@ class Block(nn.Module):
         self.attn, self.mlp = Attention(channels), Mlp(channels)
         self.ls1, self.ls2 = LayerScale(channels), LayerScale(channels)
 
-    def forward(self, x: Float[Tensor, "item token channel"]) -> Float[Tensor, "item token channel"]:
+    def forward(self, x: Tokens) -> Tokens:
         x = x + self.ls1(self.attn(self.norm1(x)))
         return x + self.ls2(self.mlp(self.norm2(x)))
 
@@ -77,7 +79,7 @@ class PatchEmbedding(nn.Module):
         super().__init__()
         self.proj = nn.Conv2d(3, channels, PATCH, stride=PATCH)
 
-    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
+    def forward(self, images: Pictures) -> Float[Tensor, "item channel rows columns"]:
         return self.proj(images)
 
 
@@ -94,11 +96,11 @@ class VisionTransformer(nn.Module):
         nn.init.trunc_normal_(self.pos_embed, std=0.02)
         nn.init.normal_(self.cls_token, std=1e-6)
 
-    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item channel rows columns"]:
+    def forward(self, images: Pictures) -> Float[Tensor, "item channel rows columns"]:
         """Return the features after the last block and the norm. images: `normalised`; sides multiples of 14."""
         return self.maps(images, (_DEPTH - 1,))[0]
 
-    def maps(self, images: Float[Tensor, "item 3 h w"], blocks: tuple[int, ...]) -> list[Tensor]:
+    def maps(self, images: Pictures, blocks: tuple[int, ...]) -> list[Tensor]:
         """Return the features after each of these blocks, in their order, and the norm. Arguments as for `forward`."""
         patches = self.patch_embed(images)
         rows, columns = patches.shape[-2:]

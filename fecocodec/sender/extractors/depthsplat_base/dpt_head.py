@@ -5,6 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from fecocodec.layers.blocks import Maps
 from fecocodec.sender.extractors.depthsplat_small.backbone import MIDDLE, OUTPUT, STEM, resized
 
 VIT_CHANNELS, FINE_CHANNELS = 768, 64  # of the ViT; of multi-view features at the finer scale
@@ -19,7 +20,7 @@ class ResidualUnit(nn.Module):
         super().__init__()
         self.conv1, self.conv2 = (nn.Conv2d(channels, channels, 3, padding=1) for _ in range(2))
 
-    def forward(self, x: Float[Tensor, "item channel h w"]) -> Float[Tensor, "item channel h w"]:
+    def forward(self, x: Maps) -> Maps:
         return x + self.conv2(F.relu(self.conv1(F.relu(x))))
 
 
@@ -32,9 +33,7 @@ class Refinement(nn.Module):
             self.resConfUnit1 = ResidualUnit(channels)
         self.resConfUnit2, self.out_conv = ResidualUnit(channels), nn.Conv2d(channels, channels, 1)
 
-    def forward(
-        self, x: Float[Tensor, "item channel h w"], finer: Tensor | None, size: tuple[int, int]
-    ) -> Float[Tensor, "item channel _ _"]:
+    def forward(self, x: Maps, finer: Tensor | None, size: tuple[int, int]) -> Float[Tensor, "item channel _ _"]:
         x = x if finer is None else x + self.resConfUnit1(finer)
         return resized(self.out_conv(self.resConfUnit2(x)), size)
 
@@ -72,7 +71,7 @@ class DptHead(nn.Module):
         appearance: tuple[Tensor, Tensor, Tensor],
         multi_view: tuple[Tensor, Tensor],
         depth: tuple[Float[Tensor, "item 1 _ _"], ...] = (),
-    ) -> Float[Tensor, "item channel h w"]:
+    ) -> Maps:
         """Return the features, or the correction of the inverse depth `depth`, at full resolution.
 
         Other arguments: see `Maps`. The order of what is joined is the public network's.

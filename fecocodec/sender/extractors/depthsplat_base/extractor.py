@@ -14,6 +14,7 @@ from fecocodec.sender.extractors.depthsplat_base.dpt_head import FINE_CHANNELS, 
 from fecocodec.sender.extractors.depthsplat_small.backbone import MIDDLE, OUTPUT, Backbone, resized, whole_patches
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import NUM_CANDIDATES, candidate_depths
 from fecocodec.sender.extractors.depthsplat_small.extractor import DepthSplatSmall, Fusion, by_view, flat, require_whole
+from fecocodec.sender.extractors.protocol import Images
 from fecocodec.sender.extractors.vision_transformer import normalised
 
 CHANNELS = 96
@@ -63,7 +64,7 @@ class DepthPredictor(DepthSplatSmall):
         )
         self.upsampler = DptHead(_UPSAMPLER_CHANNELS, lowest, predicts_depth=True)
 
-    def maps(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Maps:
+    def maps(self, images: Images, cameras: Cameras) -> Maps:
         """Run the branches. Arguments and errors as for `LargeExtractor.features`."""
         views, _, h, w = images.shape[1:]
         pictures = normalised(flat(images))
@@ -128,16 +129,14 @@ class DepthSplatBase(nn.Module):
     def num_channels(self) -> int:
         return CHANNELS
 
-    def maps(self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras) -> Maps:
+    def maps(self, images: Images, cameras: Cameras) -> Maps:
         """Run the branches. Raises ModelError without weights, InputError for sides that they cannot divide."""
         if self.feature_upsampler.projects[0].weight.is_meta:
             raise ModelError("depthsplat-base: it has no weights yet; load its checkpoint by `load_frozen_extractor`.")
         require_whole(images, 4 * self.depth_predictor.lowest)
         return self.to(images.device).depth_predictor.maps(images, cameras)
 
-    def features(
-        self, images: Float[Tensor, "batch view 3 h w"], cameras: Cameras
-    ) -> Float[Tensor, "batch view 96 h w"]:
+    def features(self, images: Images, cameras: Cameras) -> Float[Tensor, "batch view 96 h w"]:
         maps = self.maps(images, cameras)
         found: Tensor = self.feature_upsampler(maps.monocular, maps.appearance, maps.multi_view)
         return found.unflatten(0, images.shape[:2])

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from fecocodec.grid import FEATURES
-from fecocodec.sender.extractors.vision_transformer import PATCH, VisionTransformer
+from fecocodec.sender.extractors.vision_transformer import PATCH, Pictures, VisionTransformer
 
 STEM, MIDDLE, OUTPUT = 64, 96, 128  # channels
 
@@ -44,11 +44,11 @@ class Backbone(nn.Module):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
-    def forward(self, images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 128 h4 w4"]:
+    def forward(self, images: Pictures) -> Float[Tensor, "item 128 h4 w4"]:
         """Return features at 1/4 resolution. images: normalised by the ImageNet mean and standard deviation."""
         return self.scales(images)[-1]
 
-    def scales(self, images: Float[Tensor, "item 3 h w"]) -> tuple[Tensor, Tensor, Tensor]:
+    def scales(self, images: Pictures) -> tuple[Tensor, Tensor, Tensor]:
         """Return the features of all three stages, of 64, 96 and 128 channels; the last are those of `forward`."""
         stem = self.layer1(F.relu(F.instance_norm(self.conv1(images))))
         middle = self.layer2(stem)
@@ -59,9 +59,7 @@ def _two_blocks(in_channels: int, out_channels: int, stride: int) -> nn.Sequenti
     return nn.Sequential(ResidualBlock(in_channels, out_channels, stride), ResidualBlock(out_channels, out_channels, 1))
 
 
-def monocular_features(
-    network: VisionTransformer, images: Float[Tensor, "item 3 h w"]
-) -> Float[Tensor, "item channel h4 w4"]:
+def monocular_features(network: VisionTransformer, images: Pictures) -> Float[Tensor, "item channel h4 w4"]:
     """Return monocular features of each view at 1/4 resolution.
 
     images: normalised by the ImageNet mean and standard deviation. They are resized down to whole patches; the features
@@ -71,7 +69,7 @@ def monocular_features(
     return resized(resized(network(whole_patches(images)), (h // 8, w // 8)), (h // FEATURES, w // FEATURES))
 
 
-def whole_patches(images: Float[Tensor, "item 3 h w"]) -> Float[Tensor, "item 3 _ _"]:
+def whole_patches(images: Pictures) -> Float[Tensor, "item 3 _ _"]:
     """Resize images down to whole patches."""
     h, w = images.shape[-2:]
     return resized(images, (h // PATCH * PATCH, w // PATCH * PATCH))

@@ -18,7 +18,10 @@ from fecocodec.sender.extractors.plane_sweep import correlate
 NUM_CANDIDATES = 128
 _SMALLEST_DEPTH = 1e-3  # in the source camera, scene units
 
-Positions = Callable[[Cameras, int, int, Float[Tensor, "... candidate"], int, int], Tensor]
+Depths = Float[Tensor, "... candidate"]
+PositionsInSource = Float[Tensor, "point candidate 2"]
+
+Positions = Callable[[Cameras, int, int, Depths, int, int], Tensor]
 """(cameras of a scene, view, source, candidate depths, height, width) -> normalised positions in the source.
 
 Candidates are those of all points, or each point has its own row of them."""
@@ -49,16 +52,16 @@ def candidate_depths(cameras: Cameras) -> Float[Tensor, "batch candidate"]:
 
 
 def exact_positions(
-    cameras: Cameras, view: int, source: int, depths: Float[Tensor, "... candidate"], height: int, width: int
-) -> Float[Tensor, "point candidate 2"]:
+    cameras: Cameras, view: int, source: int, depths: Depths, height: int, width: int
+) -> PositionsInSource:
     """Project the points at each depth along the ray of each pixel centre into the source, with its own intrinsics."""
     rays = pixel_rays(cameras.select([view]), height, width)[0]
-    return _projected(cameras, view, source, rays.flatten(0, 1), depths, cameras.intrinsics[source])
+    return _projected(cameras, view, source, rays.flatten(0, 1), depths)
 
 
 def public_positions(
-    cameras: Cameras, view: int, source: int, depths: Float[Tensor, "... candidate"], height: int, width: int
-) -> Float[Tensor, "point candidate 2"]:
+    cameras: Cameras, view: int, source: int, depths: Depths, height: int, width: int
+) -> PositionsInSource:
     """Compute the positions as the public code does; its checkpoints were trained with them.
 
     They differ from `exact_positions` in one way: pixel i is at position i instead of i + 0.5. The public code projects
@@ -68,22 +71,17 @@ def public_positions(
     corner = pixel_rays(cameras.select([view]), height, width)[0]
     focal = cameras.intrinsics[view].diagonal()[:2] * cameras.intrinsics.new_tensor([width, height])
     shifted = corner - torch.cat((0.5 / focal, focal.new_zeros(1)))
-    uv = _projected(cameras, view, source, shifted.flatten(0, 1), depths, cameras.intrinsics[source])
+    uv = _projected(cameras, view, source, shifted.flatten(0, 1), depths)
     return uv + 0.5 / uv.new_tensor([width, height])
 
 
 def _projected(
-    cameras: Cameras,
-    view: int,
-    source: int,
-    rays: Float[Tensor, "point 3"],
-    depths: Float[Tensor, "... candidate"],
-    intrinsics: Float[Tensor, "3 3"],
-) -> Float[Tensor, "point candidate 2"]:
+    cameras: Cameras, view: int, source: int, rays: Float[Tensor, "point 3"], depths: Depths
+) -> PositionsInSource:
     """Project the points at each depth along rays of the view into the source, in normalised coordinates."""
     to_source = cameras.world_to_camera[source] @ cameras.extrinsics[view]
     points = (rays @ to_source[:3, :3].T)[:, None] * depths[..., None] + to_source[:3, 3]
-    return image_positions(points.flatten(0, 1), intrinsics, _SMALLEST_DEPTH).view(len(rays), -1, 2)
+    return image_positions(points.flatten(0, 1), cameras.intrinsics[source], _SMALLEST_DEPTH).view(len(rays), -1, 2)
 
 
 def cost_volume(

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import RateCondition
+from fecocodec.layers.blocks import Maps, RateCondition
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone, monocular_features
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
@@ -30,7 +30,7 @@ from fecocodec.sender.extractors.depthsplat_small.transformer import (
     public_masks_of_sources,
 )
 from fecocodec.sender.extractors.depthsplat_small.unet import CHANNELS, NUM_LEVELS, CrossViewUNet
-from fecocodec.sender.extractors.protocol import MatchedDepth, Matching
+from fecocodec.sender.extractors.protocol import Images, MatchedDepth, Matching
 from fecocodec.sender.extractors.vision_transformer import CHANNELS as MONOCULAR_CHANNELS
 from fecocodec.sender.extractors.vision_transformer import VisionTransformer, normalised
 from fecocodec.sender.scene import Guides
@@ -38,6 +38,7 @@ from fecocodec.sender.scene import Guides
 SIDE_MULTIPLE = 16  # pixels
 _POSITIONS: dict[str, Positions] = {"public": public_positions, "exact": exact_positions}
 _MASKS_OF_SOURCES = {"public": public_masks_of_sources, "exact": masks_of_sources}
+ByView = Float[Tensor, "batch view channel h w"]
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Fusion(nn.ModuleDict):
             }
         )
 
-    def forward(self, x: Float[Tensor, "item _ h w"], num_views: int) -> Float[Tensor, "item channel h w"]:
+    def forward(self, x: Float[Tensor, "item _ h w"], num_views: int) -> Maps:
         """item = (batch view)."""
         return self["4"](self["3"](F.gelu(self["1"](self["0"](x))), num_views))
 
@@ -106,7 +107,7 @@ class DepthSplatSmall(nn.Module):
 
     def match(
         self,
-        images: Float[Tensor, "batch view 3 h w"],
+        images: Images,
         cameras: Cameras,
         guides: Guides | None = None,
         ignored: Bool[Tensor, "view h w"] | None = None,
@@ -127,35 +128,28 @@ class DepthSplatSmall(nn.Module):
         return Evidence(expected, depth, cost, appearance, flat(multi_view), monocular, views)
 
     def fuse(
-        self, images: Float[Tensor, "batch view 3 h w"], matching: Evidence, condition: RateCondition | None = None
+        self, images: Images, matching: Evidence, condition: RateCondition | None = None
     ) -> Float[Tensor, "item 128 h4 w4"]:
         """Return F1: the U-Net applied to the outputs of the branches. The images are not used."""
         parts = (matching.cost, matching.appearance, matching.multi_view, matching.monocular)
         joined = torch.cat([part.to(matching.appearance.dtype) for part in parts], dim=1)
         return self.regressor[0](joined, matching.num_views) + self.regressor_residual[0](joined)
 
-    def multi_view(
-        self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
-    ) -> Float[Tensor, "batch view channel h w"]:
+    def multi_view(self, features: ByView, cameras: Cameras) -> ByView:
         """Return features of the CNN after the transformer."""
         sources = source_views(cameras)
         within = border_mask(features.shape[-2], features.shape[-1], features.device)
         across = _MASKS_OF_SOURCES[self.geometry](within, sources.shape[-1])
         return self.transformer(features, sources, ScoreMasks(within, across))
 
-    def _cost(
-        self, features: Float[Tensor, "batch view channel h w"], cameras: Cameras
-    ) -> Float[Tensor, "item candidate h w"]:
+    def _cost(self, features: ByView, cameras: Cameras) -> Float[Tensor, "item candidate h w"]:
         views, _, h, w = features.shape[1:]
         size = (h // self.matching_scale, w // self.matching_scale)
         depths = rearrange(candidate_depths(cameras), "b d -> b 1 1 d").expand(-1, views, -1, -1)
         return _resize(self.costs(by_view(_resize(flat(features), size), views), cameras, depths), (h, w))
 
     def costs(
-        self,
-        features: Float[Tensor, "batch view channel h w"],
-        cameras: Cameras,
-        depths: Float[Tensor, "batch view _ candidate"],
+        self, features: ByView, cameras: Cameras, depths: Float[Tensor, "batch view _ candidate"]
     ) -> Float[Tensor, "item candidate h w"]:
         """Return matching scores, computed in float32; zero for a single view. depths: see `cost_volume`."""
         batch, views, _, h, w = features.shape
@@ -172,17 +166,17 @@ def _resize(x: Float[Tensor, "item channel _ _"], size: tuple[int, int]) -> Floa
     return F.interpolate(x, size, mode="bilinear", align_corners=False)
 
 
-def require_whole(images: Float[Tensor, "batch view 3 h w"], multiple: int) -> None:
+def require_whole(images: Images, multiple: int) -> None:
     """Raise InputError if a side of the images is not a multiple of so many pixels."""
     if images.shape[-2] % multiple or images.shape[-1] % multiple:
         raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of {multiple}.")
 
 
-def by_view(x: Float[Tensor, "item channel h w"], views: int) -> Float[Tensor, "batch view channel h w"]:
+def by_view(x: Maps, views: int) -> ByView:
     """Undo `flat`. views: number of views of a scene."""
     return rearrange(x, "(b v) c h w -> b v c h w", v=views)
 
 
-def flat(x: Float[Tensor, "batch view channel h w"]) -> Float[Tensor, "item channel h w"]:
+def flat(x: ByView) -> Maps:
     """Return the views of all scenes in a row: item = (batch view)."""
     return rearrange(x, "b v c h w -> (b v) c h w")

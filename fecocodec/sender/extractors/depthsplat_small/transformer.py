@@ -12,6 +12,9 @@ from torch import Tensor, nn
 NUM_SPLITS = 2  # windows per side
 BLOCKED = -100.0  # added to the attention scores of masked pairs
 _TEMPERATURE = 10000.0
+Mask = Float[Tensor, "window token token"]
+KeyMask = Float[Tensor, "window token keys"]  # for the keys of several source views
+Tokens = Float[Tensor, "item window token channel"]
 
 
 def shift(h: int, w: int) -> tuple[int, int]:
@@ -29,7 +32,7 @@ def from_windows(x: Float[Tensor, "*batch window token channel"], h: int) -> Flo
     return rearrange(x, "... (r s) (i j) c -> ... (r i) (s j) c", r=NUM_SPLITS, s=NUM_SPLITS, i=h // NUM_SPLITS)
 
 
-def border_mask(h: int, w: int, device: torch.device) -> Float[Tensor, "window token token"]:
+def border_mask(h: int, w: int, device: torch.device) -> Mask:
     """Return the additive mask of shifted windows: BLOCKED between regions adjacent only by wrapping, else 0."""
     rows, columns = _bands(h, device), _bands(w, device)
     region = into_windows((3.0 * rows[:, None] + columns)[..., None])[..., 0]
@@ -43,14 +46,12 @@ def _bands(length: int, device: torch.device) -> Int[Tensor, " length"]:
     return (position >= length - window).long() + (position >= length - window // 2).long()
 
 
-def masks_of_sources(mask: Float[Tensor, "window token token"], num_sources: int) -> Float[Tensor, "window token keys"]:
+def masks_of_sources(mask: Mask, num_sources: int) -> KeyMask:
     """Return the mask for the concatenated keys of several source views."""
     return mask.repeat(1, 1, num_sources)
 
 
-def public_masks_of_sources(
-    mask: Float[Tensor, "window token token"], num_sources: int
-) -> Float[Tensor, "window token keys"]:
+def public_masks_of_sources(mask: Mask, num_sources: int) -> KeyMask:
     """Return the mask as the public code applies it; its checkpoints were trained with it.
 
     The public code repeats the mask per view, but orders the keys by token first. With one source view this equals
@@ -86,8 +87,8 @@ NUM_BLOCKS = 6
 class ScoreMasks:
     """Additive masks of attention scores in shifted windows, for self-attention and for attention to sources."""
 
-    within: Float[Tensor, "window token token"]
-    across: Float[Tensor, "window token keys"]
+    within: Mask
+    across: KeyMask
 
 
 class AttentionLayer(nn.Module):
@@ -98,21 +99,12 @@ class AttentionLayer(nn.Module):
         self.q_proj, self.k_proj, self.v_proj, self.merge = (_linear(CHANNELS, CHANNELS) for _ in range(4))
         self.norm1 = nn.LayerNorm(CHANNELS)
 
-    def message(
-        self,
-        x: Float[Tensor, "item window token channel"],
-        keys: Float[Tensor, "item window keys channel"],
-        mask: Float[Tensor, "window token keys"] | None,
-    ) -> Float[Tensor, "item window token channel"]:
+    def message(self, x: Tokens, keys: Float[Tensor, "item window keys channel"], mask: KeyMask | None) -> Tokens:
         """Return the attention output of each token over the keys of its window."""
         query, key, value = self.q_proj(x), self.k_proj(keys), self.v_proj(keys)
         return self.norm1(self.merge(F.scaled_dot_product_attention(query, key, value, mask)))
 
-    def forward(
-        self,
-        x: Float[Tensor, "item window token channel"],
-        mask: Float[Tensor, "window token token"] | None,
-    ) -> Float[Tensor, "item window token channel"]:
+    def forward(self, x: Tokens, mask: Mask | None) -> Tokens:
         return x + self.message(x, x, mask)
 
 
@@ -125,11 +117,8 @@ class CrossAttentionLayer(AttentionLayer):
         self.norm2 = nn.LayerNorm(CHANNELS)
 
     def forward(  # type: ignore[override]
-        self,
-        x: Float[Tensor, "item window token channel"],
-        keys: Float[Tensor, "item window keys channel"],
-        mask: Float[Tensor, "window token keys"] | None,
-    ) -> Float[Tensor, "item window token channel"]:
+        self, x: Tokens, keys: Float[Tensor, "item window keys channel"], mask: KeyMask | None
+    ) -> Tokens:
         gathered = self.message(x, keys, mask)
         return x + self.norm2(self.mlp(torch.cat((x, gathered), dim=-1)))
 
