@@ -135,11 +135,12 @@ def encode_folder(
     of_guides = of_checks = left_out = None
     if options.is_measured or options.is_strict:
         from fecocodec.sender.codec import load_codec
-        from fecocodec.sender.decoded_quality import measure_left_out, measure_with_others
+        from fecocodec.sender.decoded_quality import left_out_quality, measure_with_others
 
         of_measuring("measuring quality")
         device, model = options.device, options.model
-        has_steps = load_codec(model_folder(model), device).receiver.config.kind.has_steps
+        receiver = load_codec(model_folder(model), device).receiver
+        has_steps = receiver.config.kind.has_steps
         effort = options.effort if has_steps else "best"  # the paper's method has one: no other effort can be advised
         measure = partial(measure_with_others, views=views, others=(guides, checks), device=device, model=model)
         quality, (of_guides, of_checks) = measure(data)
@@ -150,7 +151,7 @@ def encode_folder(
                 messages.note(stage_2_note(quality))
                 data, (quality, (of_guides, of_checks)) = alone, of_one
         if checks is None or len(checks.names) == 1:
-            left_out = measure_left_out(data, views, device=device, model=model)
+            left_out = left_out_quality(receiver, data, views)
         worst = worst_view_warnings(quality[-1], views.names)
         if checks is not None and of_checks is not None:
             is_any_left = guides is not None or len(roles.unused) > 0

@@ -36,16 +36,13 @@ def psnr(
     ignored: pixels that do not count; None if all do. added_error: added to the mean squared error; with more than 0
     the ratio and its gradient are finite.
     """
-    return -10.0 * torch.log10(_mean_square(images - targets, ignored) + added_error)
-
-
-def _mean_square(errors: Images, ignored: Bool[Tensor, "*batch height width"] | None) -> Float[Tensor, "*batch"]:
-    """Return the mean over the pixels that are not ignored; 0 if all are."""
-    squares = errors.square()
+    squares = (images - targets).square()
     if ignored is None:
-        return squares.mean(dim=(-3, -2, -1))
-    kept = (~ignored.to(squares.device)).to(squares)
-    return (squares.mean(dim=-3) * kept).sum(dim=(-2, -1)) / kept.sum(dim=(-2, -1)).clamp(min=1.0)
+        mean = squares.mean(dim=(-3, -2, -1))
+    else:
+        kept = (~ignored.to(squares.device)).to(squares)
+        mean = (squares.mean(dim=-3) * kept).sum(dim=(-2, -1)) / kept.sum(dim=(-2, -1)).clamp(min=1.0)
+    return -10.0 * torch.log10(mean + added_error)
 
 
 def ssim(images: Images, targets: Images, stride: int = 1) -> Float[Tensor, "*batch"]:

@@ -15,13 +15,13 @@ from fecocodec.checkpoint import (
     read_weights,
     serialise_weights,
 )
-from fecocodec.config import PAPER, AdaptedSenderConfig, CodecConfig, LargeSenderConfig, ReceiverConfig, stored_fields
+from fecocodec.config import PAPER, AdaptedSenderConfig, LargeSenderConfig, ReceiverConfig, stored_fields
 from fecocodec.errors import ModelError
 from fecocodec.layers.memory_format import to_channels_last
 from fecocodec.receiver.model import Receiver, load_receiver
 from fecocodec.sender.extractors.adapter import AdaptedExtractor, ConditionedAdapter, LargeExtractor
 from fecocodec.sender.extractors.depthsplat_small.checkpoint import LoadReport, load_public_weights
-from fecocodec.sender.model import Sender, config_named
+from fecocodec.sender.model import EXTRACTORS, Sender
 
 RECEIVER_ID = "receiver_model_id"
 EXTRACTOR = "extractor"
@@ -35,7 +35,13 @@ def load_sender(path: Path, receiver: ReceiverConfig, model_id: bytes) -> Sender
     checkpoint is missing or another one.
     """
     weights = read_weights(path)
-    config = config_of(weights, "sender", _config_like(weights, path), path)
+    if EXTRACTOR not in weights.config:
+        raise ModelError(f"{path}: holds no sender; name a sender's weights file.")
+    name = weights.config[EXTRACTOR]
+    like = next((kind() for kind in EXTRACTORS if kind.extractor == name), None)
+    if like is None:
+        raise ModelError(f"{path}: its extractor {name!r} is not known to this version; install the one that made it.")
+    config = config_of(weights, "sender", like, path)
     require_receiver(weights, model_id, path)
     sender = Sender(config, receiver)
     load_into(sender, weights.tensors, path)
@@ -82,16 +88,6 @@ def serialise_sender(sender: Sender, model_id: bytes) -> bytes:
     config = sender.config
     described = {"sender": stored_fields(config), EXTRACTOR: config.extractor, RECEIVER_ID: model_id.hex()}
     return serialise_weights(dict(sender.state_dict()), described)
-
-
-def _config_like(weights: Weights, path: Path) -> CodecConfig:
-    """Return a default configuration for the extractor that the file names."""
-    if EXTRACTOR not in weights.config:
-        raise ModelError(f"{path}: holds no sender; name a sender's weights file.")
-    name = weights.config[EXTRACTOR]
-    if (config := config_named(name)) is None:
-        raise ModelError(f"{path}: its extractor {name!r} is not known to this version; install the one that made it.")
-    return config
 
 
 @dataclass(frozen=True)

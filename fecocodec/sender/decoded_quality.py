@@ -73,21 +73,13 @@ def measure_with_others(
     return (*of_earlier, _quality(decoded.gaussians, decoded.cameras, views)), of_others
 
 
-def measure_left_out(
-    data: bytes, views: Views, *, device: str = "cpu", model: Path | str | None = None
-) -> LeftOutQuality | None:
+@torch.no_grad()
+def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQuality | None:
     """Decode a stream without the Gaussians of one view after another, and return the quality of these views.
 
     At most MAX_LEFT_OUT views are measured. Pixels count where the Gaussians of the other views are nearly opaque, so
-    what the background layer fills does not.
-    Arguments and errors as for `measure_decoded`. None if no view shows what another one does.
+    what the background layer fills does not. None if no view shows what another one does.
     """
-    return left_out_quality(load_codec(model_folder(model), device).receiver, data, views)
-
-
-@torch.no_grad()
-def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQuality | None:
-    """Return what `measure_left_out` does, with a loaded receiver."""
     predicted = predict_with(receiver, data)
     stream, emission = predicted.stream, emission_of(background=None)
     levels = np.zeros(FADING_BLOCKS.shape(stream.header), np.uint8)
@@ -111,19 +103,13 @@ def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQu
 
 
 @torch.no_grad()
-def new_view_quality(receiver: Receiver, data: bytes, views: Views) -> DecodedQuality:
-    """Decode with a loaded receiver, and return the quality of photographs that are not in the stream."""
-    return _quality(decode_with(receiver, data).gaussians, views.cameras, views)
+def decoded_quality(receiver: Receiver, data: bytes, views: Views, cameras: Cameras | None = None) -> DecodedQuality:
+    """Decode with a loaded receiver, and return the quality of the context views, or of others.
 
-
-@torch.no_grad()
-def decoded_quality(receiver: Receiver, data: bytes, views: Views) -> DecodedQuality:
-    """Decode with a loaded receiver, and return the quality of the context views.
-
-    Transparent photographs are white where they are transparent, and so is the background of their renderings.
+    cameras: of photographs that are not in the stream; None for those of the stream.
     """
     decoded = decode_with(receiver, data)
-    return _quality(decoded.gaussians, decoded.cameras, views)
+    return _quality(decoded.gaussians, cameras or decoded.cameras, views)
 
 
 def _background(views: Views) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ changes slowly along a walk stays: it does no harm to new views, and photographs
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 
 import torch
@@ -36,7 +36,7 @@ def exposure_factors(parts: Sequence[Views], corners: Sequence[Corners]) -> tupl
     images = (image for part in parts for image in part.images)
     found = [_colours_of(image, of_image) for image, of_image in zip(images, corners, strict=True)]
     pairs = neighbour_pairs(cameras, len(found), _NEIGHBOURS)
-    ratios = [(pair, _log_ratio(*(found[view] for view in pair))) for pair in pairs]
+    ratios = [((i, j), _log_ratio(corners[i], corners[j], (found[i], found[j]))) for i, j in pairs]
     equations = [(pair, ratio) for pair, ratio in ratios if ratio is not None]
     if not equations:
         return None
@@ -58,24 +58,21 @@ def with_factors(views: Views, factors: Float[Tensor, "view 3"]) -> Views:
     return replace(views, images=(white + (views.images - white) * factors[..., None, None]).clamp(0, 1))
 
 
-@dataclass(frozen=True)
-class _Colours:
-    """Corners of one photograph, and the mean colours around them: [corner 3]."""
-
-    corners: Corners
-    means: Float[Tensor, "corner 3"]
-
-
-def _colours_of(image: Float[Tensor, "3 height width"], corners: Corners) -> _Colours:
+def _colours_of(image: Float[Tensor, "3 height width"], corners: Corners) -> Float[Tensor, "corner 3"]:
+    """Return the mean colours around the corners of a photograph."""
     means = F.avg_pool2d(small(image), _WINDOW, stride=1, padding=_WINDOW // 2, count_include_pad=False)
     of_corners = F.grid_sample(means, 2 * corners.positions[None, :, None] - 1, align_corners=False)
-    return _Colours(corners, of_corners[0, ..., 0].T)
+    return of_corners[0, ..., 0].T
 
 
-def _log_ratio(first: _Colours, second: _Colours) -> Float[Tensor, "3"] | None:
-    """Return the median logarithm of first over second at points that look alike; None if few agree on it."""
-    of_first, of_second = alike(first.corners, second.corners)
-    pairs = torch.stack((first.means[of_first], second.means[of_second]))
+def _log_ratio(
+    first: Corners, second: Corners, colours: tuple[Float[Tensor, "corner 3"], Float[Tensor, "other 3"]]
+) -> Float[Tensor, "3"] | None:
+    """Return the median logarithm of first over second at points that look alike; None if few agree on it.
+
+    colours: at the corners of both.
+    """
+    pairs = torch.stack([of_corners[chosen] for of_corners, chosen in zip(colours, alike(first, second), strict=True)])
     pairs = pairs[:, ((pairs > _DARKEST) & (pairs < _BRIGHTEST)).all(dim=2).all(dim=0)]
     if pairs.shape[1] < _LEAST_POINTS:
         return None

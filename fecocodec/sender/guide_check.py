@@ -42,14 +42,11 @@ class GuideCheck:
         """Whether matching shows that the guide has the same scene and a correct camera."""
         return self.agreement is not None and self.agreement >= LEAST_AGREEMENT
 
-    @property
-    def has_other_exposure(self) -> bool:
-        """Whether the colours have to be adapted before the guide teaches."""
-        shift = (0.5 * self.gain + self.offset - 0.5).abs()
-        return bool((shift > LEAST_SHIFT).any() or ((self.gain - 1).abs() > LEAST_STRETCH).any())
-
     def adapted(self, image: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
-        """Return the image with the exposure of the context views."""
+        """Return the image with the exposure of the context views, unless it nearly has it."""
+        shift = (0.5 * self.gain + self.offset - 0.5).abs()
+        if not bool((shift > LEAST_SHIFT).any() or ((self.gain - 1).abs() > LEAST_STRETCH).any()):
+            return image
         return ((image - self.offset[:, None, None]) / self.gain[:, None, None]).clamp(0, 1)
 
 
@@ -80,10 +77,7 @@ def confirmed_guides(guides: Guides, checks: tuple[GuideCheck, ...]) -> Guides |
     kept = [number for number, check in enumerate(checks) if check.is_confirmed]
     if not kept:
         return None
-    images = [
-        checks[number].adapted(guides.images[number]) if checks[number].has_other_exposure else guides.images[number]
-        for number in kept
-    ]
+    images = [checks[number].adapted(guides.images[number]) for number in kept]
     return replace(guides.select(kept), images=torch.stack(images))
 
 

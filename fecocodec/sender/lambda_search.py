@@ -84,20 +84,17 @@ class Point:
     slope: float
     tolerance: float
 
-    @classmethod
-    def of_size(cls, lambda_q: int, num_bytes: int, target_bytes: float) -> "Point":
-        """Return the point of a file of `num_bytes`, for a target of at most `target_bytes`."""
-        return cls(lambda_q, math.log(target_bytes / num_bytes), SIZE_SLOPE, SIZE_TOLERANCE)
-
-    @classmethod
-    def of_psnr(cls, lambda_q: int, psnr: float, target_psnr: float) -> "Point":
-        """Return the point of a file with this PSNR in dB, for a target of at least `target_psnr`."""
-        return cls(lambda_q, psnr - target_psnr, PSNR_SLOPE, PSNR_TOLERANCE)
+    @property
+    def is_inside(self) -> bool:
+        """Whether the target is reached within the tolerance."""
+        return 0.0 <= self.margin <= self.tolerance
 
 
-def is_inside(point: Point) -> bool:
-    """Return whether the target is reached within the tolerance."""
-    return 0.0 <= point.margin <= point.tolerance
+def point_of(lambda_q: int, num_bytes: int, psnr: float, target: Target) -> Point:
+    """Return the point of a file of so many bytes, with this PSNR in dB."""
+    if isinstance(target, AtMostKib):
+        return Point(lambda_q, math.log(1024 * target.kib / num_bytes), SIZE_SLOPE, SIZE_TOLERANCE)
+    return Point(lambda_q, psnr - target.psnr, PSNR_SLOPE, PSNR_TOLERANCE)
 
 
 def next_lambda_q(fast: Sequence[Point], full: Sequence[Point] = ()) -> int:

@@ -60,73 +60,47 @@ Propose = Callable[[Slope, Latent, Latent, float], Latent]
 """(slope, y, previous step, share of the steps that remain) -> step, to be multiplied by its present length."""
 
 
-@dataclass(frozen=True)
-class HeldViews:
-    """Views between the context views, as rendered before the optimisation; changes of them are penalised."""
-
-    cameras: Cameras
-    images: Pictures
-
-
 def optimiser(
     encoder: SceneEncoder,
     config: OptimisationConfig,
     estimate: LatentCoder[EstimatedLatent],
     num_steps: tuple[int, int],
 ) -> Optimise:
-    """Return the `optimise` argument of `SceneEncoder.run` for one scene.
+    """Return the `optimise` argument of `SceneEncoder.run` for one scene: descent on D + price * R.
 
-    estimate: differentiable coder, (y, inputs) -> y_hat and bits. num_steps: as in `Improvements`.
+    D is the mean distortion of context views and guides, rendered after a stage. R is the rate that `estimate` returns,
+    a differentiable coder, (y, inputs) -> y_hat and bits. num_steps: as in `Improvements`.
     """
+    of_picture = partial(config.distortion, ssim_stride=SSIM_STRIDE)
 
     def optimise(y: Tensor, features: Tensor, inputs: StageInputs, progress: Progress) -> Tensor:
-        steps = num_steps[inputs.is_last]
+        steps, num_evaluated, held = num_steps[inputs.is_last], 0, None
         if steps == 0:
             return y
+        price = price_of_rate(int(inputs.lambda_q[0])) / encoder.num_pixels
+        references = References.of(encoder).taught(inputs.stage)  # the same in all steps, whose objectives are compared
+        photographs = references.pictures
+        if steps > MAX_STEPS_UNHELD and encoder.guides is None:
+            held = hold_views_between(encoder, gaussians_of(encoder, inputs, estimate(y, inputs).y_hat))
+
+        def evaluate(y: Tensor) -> Objective:
+            nonlocal num_evaluated
+            progress(f"optimising stage {inputs.stage}", num_evaluated / steps)
+            num_evaluated += 1
+            estimated = estimate(y, inputs)
+            gaussians = gaussians_of(encoder, inputs, estimated.y_hat)
+            distortion, pictures = references.distortion(gaussians, of_picture)
+            if held is not None:
+                cameras, images = held
+                change = render(gaussians, cameras, encoder.size).color - images
+                distortion = distortion + HELD_WEIGHT * change.square().mean()
+            errors = (photographs - pictures)[: encoder.num_views]  # on white, if there is a choice
+            return Objective(distortion, price * estimated.bits.sum(), errors)
+
         propose = proposer(encoder, features, inputs, config.sharpness)
-        return optimise_latents(encoder, config, estimate, inputs, y, steps, propose, progress)
+        return descend(y, evaluate, steps, step_size(inputs.condition), propose)
 
     return optimise
-
-
-def optimise_latents(
-    encoder: SceneEncoder,
-    config: OptimisationConfig,
-    estimate: LatentCoder[EstimatedLatent],
-    inputs: StageInputs,
-    y: Latent,
-    num_steps: int,
-    propose: Propose,
-    progress: Progress = Progress(),  # noqa: B008 - frozen
-) -> Latent:
-    """Return y of one stage after `num_steps` steps, at least one, of descent on D + price * R.
-
-    D is the mean distortion of context views and guides, rendered after this stage. R is the rate that `estimate`
-    returns. propose: see `proposer`.
-    """
-    price, references = price_of_rate(int(inputs.lambda_q[0])) / encoder.num_pixels, References.of(encoder)
-    references = references.taught(inputs.stage)  # the same in all steps, whose objectives are compared
-    photographs, of_picture = references.pictures, partial(config.distortion, ssim_stride=SSIM_STRIDE)
-    held = None
-    if num_steps > MAX_STEPS_UNHELD and encoder.guides is None:
-        held = hold_views_between(encoder, gaussians_of(encoder, inputs, estimate(y, inputs).y_hat))
-
-    num_evaluated = 0
-
-    def evaluate(y: Tensor) -> Objective:
-        nonlocal num_evaluated
-        progress(f"optimising stage {inputs.stage}", num_evaluated / num_steps)
-        num_evaluated += 1
-        estimated = estimate(y, inputs)
-        gaussians = gaussians_of(encoder, inputs, estimated.y_hat)
-        distortion, pictures = references.distortion(gaussians, of_picture)
-        if held is not None:
-            change = render(gaussians, held.cameras, encoder.size).color - held.images
-            distortion = distortion + HELD_WEIGHT * change.square().mean()
-        errors = (photographs - pictures)[: encoder.num_views]  # on white, if there is a choice
-        return Objective(distortion, price * estimated.bits.sum(), errors)
-
-    return descend(y, evaluate, num_steps, step_size(inputs.condition), propose)
 
 
 def step_size(condition: RateCondition) -> float:
@@ -186,12 +160,13 @@ def descend(
 
 
 @torch.no_grad()
-def hold_views_between(encoder: SceneEncoder, gaussians: Gaussians) -> HeldViews | None:
-    """Render views between the context views; None if no two cameras have similar viewing directions."""
+def hold_views_between(encoder: SceneEncoder, gaussians: Gaussians) -> tuple[Cameras, Pictures] | None:
+    """Return views between the context views, whose changes are penalised, as they are rendered before the first step.
+
+    None if no two cameras have similar viewing directions.
+    """
     cameras = cameras_between(encoder.cameras.scene(0))
-    if cameras is None:
-        return None
-    return HeldViews(cameras, render(gaussians, cameras, encoder.size).color)
+    return None if cameras is None else (cameras, render(gaussians, cameras, encoder.size).color)
 
 
 def gaussians_of(encoder: SceneEncoder, inputs: StageInputs, y_hat: Float[Tensor, "view latent h8 w8"]) -> Gaussians:

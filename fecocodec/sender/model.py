@@ -91,11 +91,6 @@ here. `encode` and `train` then load it by the name in its configuration; tests/
 """
 
 
-def config_named(name: object) -> CodecConfig | None:
-    """Return the default configuration of the sender with the extractor of this name; None if there is none."""
-    return next((kind() for kind in EXTRACTORS if kind.extractor == name), None)
-
-
 LARGEST_LATENT = 2.0**15  # far above trained latents; bounds the symbols of unusual inputs
 
 

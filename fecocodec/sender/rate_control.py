@@ -17,10 +17,10 @@ from fecocodec.errors import InputError, SizeError
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, Progress, ignore_progress
 from fecocodec.sender.codec import Codec, load_codec
-from fecocodec.sender.decoded_quality import decoded_quality, new_view_quality
+from fecocodec.sender.decoded_quality import decoded_quality
 from fecocodec.sender.encode import OnOmission, OnWarning, matched_scene, write_scene
 from fecocodec.sender.lambda_roles import decades_below
-from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib, Point, Target, is_inside, next_lambda_q
+from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib, Point, Target, next_lambda_q, point_of
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.view_checks import check_views
 from fecocodec.sender.view_quality import DecodedQuality
@@ -100,13 +100,13 @@ def encode_to_target_with(
     is_about_new = isinstance(target, AtLeastNewPsnr)
     if is_about_new and checks is None:
         raise InputError("a PSNR of new views is measured on photographs that are not coded; keep some as `checks`.")
-    quality_of, measured = (new_view_quality, checks) if is_about_new and checks else (decoded_quality, views)
+    measured, cameras = (checks, checks.cameras) if is_about_new and checks else (views, None)
     on_progress("matching views", 0.0)
     encoder, scene = matched_scene(codec, views, guides, on_warning, on_omission)
 
     def attempt(lambda_q: int, config: OptimisationConfig, on_progress: OnProgress) -> Attempt:
         data = write_scene(encoder, scene, lambda_q, 2, config, on_progress)
-        return Attempt(lambda_q, data, quality_of(codec.receiver, data, measured))
+        return Attempt(lambda_q, data, decoded_quality(codec.receiver, data, measured, cameras))
 
     num_steps = config.steps_of_last(encoder.num_pixels, FIRST_LAMBDA_Q)
     best = search(attempt, target, config, num_steps, measured.names, on_progress)
@@ -162,13 +162,11 @@ def _reporter(on_progress: OnProgress, task: str, number: int, num_steps: int) -
 def _is_done(full: Sequence[Attempt], target: Target) -> bool:
     """Return whether an attempt is within the tolerance, or one reaches the target and no better one is left."""
     points = [_point(attempt, target) for attempt in full]
-    if any(is_inside(point) for point in points):
-        return True
-    is_reached = any(point.margin >= 0.0 for point in points)
-    if is_reached and len(full) >= NUM_FULL_ENCODINGS:
+    reached = [point for point in points if point.margin >= 0.0]
+    if any(point.is_inside for point in points) or (reached and len(full) >= NUM_FULL_ENCODINGS):
         return True
     unfavourable_end = LAMBDA_Q_MAX - _favourable_end(target)
-    return any(point.lambda_q == unfavourable_end and point.margin >= 0.0 for point in points)
+    return any(point.lambda_q == unfavourable_end for point in reached)
 
 
 def _require_reachable(
@@ -194,9 +192,7 @@ def _best(full: Sequence[Attempt], target: Target) -> Attempt:
 
 
 def _point(attempt: Attempt, target: Target) -> Point:
-    if isinstance(target, AtMostKib):
-        return Point.of_size(attempt.lambda_q, len(attempt.data), 1024 * target.kib)
-    return Point.of_psnr(attempt.lambda_q, attempt.psnr, target.psnr)
+    return point_of(attempt.lambda_q, len(attempt.data), attempt.psnr, target)
 
 
 def _expected(fast: Point, target: Target, num_steps: int) -> Point:

@@ -100,7 +100,7 @@ def test_many_steps_hold_the_views_between_and_few_do_not(
         prediction = encoder.predict(stage.state, stage.inputs.condition)
         held = hold_views_between(encoder, encoder.emit(prediction, has_fitted_colours=False, is_filled=False))
         assert held is not None
-        return held.images
+        return held[1]
 
     monkeypatch.setattr(latent_optimisation, "STEP_SIZE", 1.0)  # shorter steps change no symbol of these networks
     start = between(FAST)
