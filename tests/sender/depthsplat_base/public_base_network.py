@@ -2,15 +2,13 @@
 
 `public_base_tensors.json` has name and shape of every tensor of the public network (MIT licence) up to its features.
 `public_base_outputs.npz` has outputs of it for two synthetic views and synthetic weights, thinned out: some channels
-(`CHANNEL_STEPS`), every third row and column. No trained weights are in either. Where a folder `shared/fixtures` beside
-the repository has all rows and columns, the tests compare with that too.
+(`CHANNEL_STEPS`), every third row and column. No trained weights are in either.
 """
 
 import json
 import zlib
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,7 +17,6 @@ from tests.sender.depthsplat_small.public_network import made_up_tensor, undrawn
 
 HERE = Path(__file__).parent
 SHIPPED = HERE / "public_base_outputs.npz"
-FULL = HERE.parents[3] / "shared" / "fixtures" / "depthsplat_base_2_views.npz"
 SHAPES: dict[str, list[int]] = json.loads((HERE / "public_base_tensors.json").read_text())
 PARAMETERS = {
     "depth_predictor.backbone": 1_049_120,
@@ -40,10 +37,6 @@ CHANNEL_STEPS = {
     "features_cnn_0": 8, "features_cnn_1": 8, "features_mv_0": 8, "features_mv_1": 8, "features_mono_0": 16,
     "features_mono_1": 32, "match_prob_0": 8, "match_prob_1": 8, "depth": 1, "features": 24,
 }  # fmt: skip
-
-
-def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    return dict(np.load(path))
 
 
 def made_up_network() -> DepthSplatBase:

@@ -80,21 +80,6 @@ def test_exact_positions_are_where_the_source_camera_sees_the_point() -> None:
         torch.testing.assert_close(found[:, candidate], projected[:, :2] / projected[:, 2:], atol=1e-5, rtol=1e-4)
 
 
-def test_public_and_exact_positions_differ_by_half_a_pixel_only() -> None:
-    """Without a rotation between the views, the half pixel scales with the ratio of the focal lengths; of equal lenses
-    nothing is left of it at infinity."""
-    far_away = torch.tensor([1e6])
-    for cameras, is_equal in ((example_cameras(2), True), (cameras_of_several_lenses(2), False)):
-        aligned = cameras.extrinsics.clone()
-        aligned[1, :3, :3] = aligned[0, :3, :3]
-        cameras = Cameras(aligned, cameras.intrinsics, cameras.near, cameras.far)
-        exact, public = (p(cameras, 0, 1, far_away, HEIGHT, WIDTH) for p in (exact_positions, public_positions))
-        first, second = (cameras.intrinsics[view].diagonal()[:2] for view in (0, 1))
-        half = 0.5 / torch.tensor([WIDTH, HEIGHT])
-        torch.testing.assert_close(exact - public, (half * (second / first - 1)).expand_as(exact), atol=1e-4, rtol=0)
-        assert is_equal or (exact - public).abs().max() > 0.001
-
-
 def test_candidates_and_sources() -> None:
     inverse = 1 / candidate_depths(example_cameras(2, near=0.5, far=100.0).as_batch())[0]
     torch.testing.assert_close(inverse[[0, -1]], torch.tensor([0.01, 2.0]))

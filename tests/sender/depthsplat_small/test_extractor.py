@@ -1,8 +1,9 @@
-"""Any number of views, any size, batches, half-resolution matching, number types, refusals."""
+"""The public network's numbers; any number of views, any size, batches, half-resolution matching, number types."""
 
+import numpy as np
 import pytest
 import torch
-from public_network import made_up_extractor
+from public_network import SHAPES, SHIPPED, made_up_extractor, require_near, views_of
 
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
@@ -17,6 +18,24 @@ def extractor() -> DepthSplatSmall:
 
 def inputs(num_views: int, height: int = 64, width: int = 64, seed: int = 0) -> tuple[torch.Tensor, Cameras]:
     return example_views(num_views, height, width, seed).images[None], example_cameras(num_views, seed).as_batch()
+
+
+@torch.inference_mode()
+def test_tensors_and_numbers_of_every_branch_are_the_public_ones(extractor: DepthSplatSmall) -> None:
+    assert {name: list(value.shape) for name, value in extractor.state_dict().items()} == SHAPES
+    arrays = dict(np.load(SHIPPED))
+    images, cameras = views_of(arrays)
+    evidence = extractor.match(images, cameras)
+    found = {
+        "features_cnn": evidence.appearance,
+        "features_mv": evidence.multi_view,
+        "features_mono": evidence.monocular,
+        "cost_volume": evidence.cost,
+        "f1": extractor.fuse(images, evidence),
+    }
+    of_channels, step = int(arrays["channel_step"]), int(arrays["position_step"])
+    for name, value in found.items():
+        require_near(value[:, ::of_channels, ::step, ::step], arrays[name], name)
 
 
 @pytest.mark.parametrize(("num_views", "size"), [(1, (64, 64)), (3, (64, 96)), (5, (96, 64))])

@@ -6,6 +6,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 from public_network import SHAPES, made_up_weights, undrawn
+from safetensors.torch import save_file
 from torch import Tensor
 
 from fecocodec.config import PaperSenderConfig
@@ -64,12 +65,26 @@ def test_depth_anything_initialises_the_monocular_branch(
     assert str(report).endswith("missing (backbone, regressor, regressor_residual, transformer)")
 
 
-def test_unimatch_initialises_cnn_and_transformer(
+def test_a_file_of_dinov2_fills_the_monocular_branch_alone(
     extractor: DepthSplatSmall, weights: dict[str, Tensor], tmp_path: Path
 ) -> None:
-    part = {name: value for name, value in weights.items() if name.split(".")[0] in ("backbone", "transformer")}
-    report = load_public_weights(extractor, saved(tmp_path / "gmdepth.pth", {"model": part}))
-    assert set(report.used) == set(part) and report.unused == () and len(report.missing) == len(SHAPES) - len(part)
+    """Under the names of Transformers, as `.safetensors`, in fp16."""
+    stored = {}
+    for own in (name for name in weights if name.startswith("pretrained.")):
+        name = own.removeprefix("pretrained.").replace("attn.proj", "attention.output").replace("attn.", "attention.")
+        name = name.replace("ls1.gamma", "layer_scale1").replace("ls2.gamma", "layer_scale2")
+        name = name.replace("cls_token", "class_token").replace("pos_embed", "position_embedding")
+        stored[name.replace("patch_embed.proj", "patch_embedding")] = own
+    path = tmp_path / "dinov2.safetensors"
+    tensors = {name: weights[own].half() for name, own in stored.items()}
+    save_file(tensors | {"mask_token": torch.zeros(1, 384)}, path)
+    before = extractor.backbone.conv1.weight.clone()
+    report = load_public_weights(extractor, path)
+    assert set(report.used) == set(stored.values()) and report.unused == ("mask_token",)
+    assert str(report).startswith("174 tensors used, 1 unused, ") and "(backbone, regressor" in str(report)
+    own_tensors = extractor.state_dict()
+    assert all(torch.equal(own_tensors[own], tensors[name].float()) for name, own in stored.items())
+    assert torch.equal(extractor.backbone.conv1.weight, before)
 
 
 def test_the_last_convolution_of_a_cnn_of_two_scales_becomes_part_of_the_one_before_it(
@@ -79,7 +94,7 @@ def test_the_last_convolution_of_a_cnn_of_two_scales_becomes_part_of_the_one_bef
     part = {name: value for name, value in weights.items() if name.split(".")[0] in ("backbone", "transformer")}
     trident = torch.randn(128, 128, 3, 3, generator=torch.Generator().manual_seed(0)) / 30
     others = {"backbone.trident_conv.weight": trident, "upsampler.0.bias": torch.zeros(256)}
-    report = load_public_weights(extractor, saved(tmp_path / "gmflow.pth", part | others))
+    report = load_public_weights(extractor, saved(tmp_path / "gmflow.pth", {"model": part | others}))
     assert set(report.used) == set(part) and report.unused == ("upsampler.0.bias",)
     constant = torch.linspace(-1, 1, 128).view(1, 128, 1, 1).expand(1, 128, 5, 5)
     before = F.conv2d(constant, weights["backbone.conv2.weight"], weights["backbone.conv2.bias"])

@@ -11,10 +11,8 @@ from fecocodec.sender.extractors.depthsplat_small.transformer import (
     Block,
     ScoreMasks,
     border_mask,
-    into_windows,
     masks_of_sources,
     public_masks_of_sources,
-    shift,
 )
 
 H, W, CHANNELS = 4, 8, 128
@@ -68,22 +66,8 @@ def test_a_block_attends_to_the_chosen_views_as_the_public_one_does(step: Place)
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=1e-5)
 
 
-CPU = torch.device("cpu")
-
-
-@pytest.mark.parametrize(("h", "w"), [(8, 12), (4, 4), (6, 10)])
-def test_the_mask_separates_what_only_wrapping_joins(h: int, w: int) -> None:
-    """Two positions of a shifted window may attend to each other exactly where they were neighbours before."""
-    rows, columns = torch.meshgrid(torch.arange(h), torch.arange(w), indexing="ij")
-    step = shift(h, w)
-    places = torch.stack((rows, columns), dim=-1).float().roll((-step[0], -step[1]), dims=(0, 1))
-    windows = into_windows(places)
-    is_joined_by_wrapping = (windows[:, :, None] - windows[:, None]).abs() >= torch.tensor([h // 2, w // 2])
-    assert torch.equal(border_mask(h, w, CPU) == BLOCKED, is_joined_by_wrapping.any(dim=-1))
-
-
 def test_masks_of_several_sources() -> None:
-    mask = border_mask(8, 8, CPU)
+    mask = border_mask(8, 8, torch.device("cpu"))
     assert torch.equal(public_masks_of_sources(mask, 1), mask) and torch.equal(masks_of_sources(mask, 1), mask)
     by_source = rearrange(masks_of_sources(mask, 3), "n q (s t) -> s n q t", s=3)
     assert all(torch.equal(of_source, mask) for of_source in by_source)
