@@ -12,7 +12,7 @@ from fecocodec.container.lambda_quantisation import quantise_lambda
 from fecocodec.errors import InputError
 from fecocodec.sender.codec import Codec, load_sender, serialise_sender
 from fecocodec.sender.encode import encode_with
-from fecocodec.sender.latent_optimisation import Objective, Slope, against_gradient, descend
+from fecocodec.sender.latent_optimisation import Objective, Slope, descend
 from fecocodec.sender.model import Sender
 from fecocodec.sender.optimisation_config import DEFAULT, config_of_effort
 from fecocodec.sender.step_network import LARGEST_LOG_SCALE, StepNetwork
@@ -148,9 +148,3 @@ def test_what_the_network_sees_changes_its_steps(codec: Codec) -> None:
     plain = step_for()
     for name, value in inputs.items():
         assert not torch.allclose(step_for(**{name: value + 1.0}), plain), name
-
-
-def test_the_direction_without_a_network_is_against_the_gradient() -> None:
-    gradient = torch.randn(1, 2, 3, 3)
-    slope = Slope(gradient, torch.zeros_like(gradient), torch.zeros(1, 3, 24, 24))
-    assert torch.equal(against_gradient(slope, gradient, gradient, 1.0), -gradient)

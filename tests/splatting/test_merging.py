@@ -15,7 +15,6 @@ from fecocodec.merging.grouping import DEFAULT_MERGING as CONFIG
 from fecocodec.merging.grouping import MergingConfig
 from fecocodec.merging.moment_matching import (
     Mixture,
-    adjugate_form,
     dilogarithm,
     from_axes,
     merged_groups,
@@ -166,15 +165,6 @@ def test_axes_and_covariances_are_inverse(scales: list[float], rotation: list[fl
     covariance = from_axes(np.array([scales], np.float32), quaternion)
     again = from_axes(*to_axes(covariance))
     np.testing.assert_allclose(again, covariance, rtol=0, atol=2e-6 * max(scales) ** 2)
-
-
-def test_the_adjugate_form_is_the_determinant_times_the_inverse_form() -> None:
-    factor = np.random.default_rng(5).normal(size=(20, 3, 3))
-    matrices = factor @ factor.swapaxes(1, 2)
-    vectors = np.random.default_rng(6).normal(size=(20, 3))
-    expected = np.linalg.det(matrices) * np.einsum("ni,nij,nj->n", vectors, np.linalg.inv(matrices), vectors)
-    entries = matrices[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]].T
-    np.testing.assert_allclose(adjugate_form(entries, vectors), expected, rtol=1e-6)
 
 
 def test_decode_merges_by_default_and_leaves_the_other_gaussians_unchanged() -> None:
