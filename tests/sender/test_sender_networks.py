@@ -1,4 +1,4 @@
-"""The sender's networks: shapes for any number of views, and no dependence on the order of views."""
+"""The sender's networks do not depend on the order of views; their latents and sizes are bounded."""
 
 import pytest
 import torch
@@ -17,24 +17,6 @@ from tests.example_scenes import example_views, fused
 def sender() -> Sender:
     torch.manual_seed(0)
     return Sender(SenderConfig(), ReceiverConfig()).eval().requires_grad_(False)
-
-
-@pytest.mark.parametrize(
-    ("num_views", "height", "width"), [(1, 64, 64), (2, 64, 96), (3, 96, 64), (5, 64, 64), (2, 64, 352)]
-)
-def test_shapes_from_views_to_latents(sender: Sender, num_views: int, height: int, width: int) -> None:
-    views = example_views(num_views, height, width)
-    cameras, _ = normalise_scene(views.cameras)
-    features = fused(sender.extractor, views.images[None], cameras.as_batch())
-    assert features.shape == (num_views, 128, height // 4, width // 4)
-    condition = RateEmbedding(1768, 11.0, 0.5)(torch.full((num_views,), 600), 1)
-    depth_errors = torch.zeros(num_views, 2, height // 4, width // 4)
-    feedback = sender.feedback(views.images, views.images.flip(-1), depth_errors, condition)
-    assert feedback.shape == features.shape
-    y = sender.analysis(feedback, features, condition)
-    assert y.shape == (num_views, 32, height // 8, width // 8)
-    assert sender.hyper_analysis(y).shape == (num_views, 16, height // 32, width // 32)
-    assert bool(features.isfinite().all() and y.isfinite().all())
 
 
 def test_views_and_scenes_are_independent(sender: Sender) -> None:
