@@ -16,12 +16,24 @@ from fecocodec.kernels.threads import run_in_ranges, run_side_by_side
 from fecocodec.rendering.compositing import composite
 from fecocodec.rendering.compositing_backward import composite_backward
 from fecocodec.rendering.projection import covariances_backward, covariances_of, cutoffs_of, project, project_backward
-from fecocodec.rendering.rendering import Rendering
 from fecocodec.rendering.spherical_harmonics import shade, shade_backward
 from fecocodec.rendering.splats import DIFFERENTIABLE_FIELDS, SPLAT, Pinhole, pinholes
 from fecocodec.rendering.tiles import TileLists, front_to_back, sum_hits, tile_lists
 
 Images = tuple[np.ndarray, np.ndarray, np.ndarray]  # color [3 height width], depth and alpha [height width], float32
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Images of Gaussians, with blending weights w.
+
+    color: sRGB, at least 0, over the background. depth: expected depth sum(w z) / sum(w) along the optical axis in
+    scene units, 0 where no Gaussian is drawn. alpha: accumulated opacity sum(w) in [0, 1].
+    """
+
+    color: Float[Tensor, "view 3 height width"]
+    depth: Float[Tensor, "view height width"]
+    alpha: Float[Tensor, "view height width"]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.memory_format import usable_device
-from fecocodec.rendering.rendering import Rendering
+from fecocodec.rendering.cpu import Rendering
 
 BACKEND = "gsplat.cuda._backend"
 REMEDY = (

@@ -6,9 +6,8 @@ from fecocodec.errors import InputError
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussian_arrays import GaussianArrays, SceneCameras, shape_problem
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.rendering.cpu import render_on_cpu
+from fecocodec.rendering.cpu import Rendering, render_on_cpu
 from fecocodec.rendering.cuda import render_on_cuda
-from fecocodec.rendering.rendering import Rendering
 
 __all__ = ["Rendering", "render", "render_each"]
 

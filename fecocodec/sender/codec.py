@@ -100,7 +100,6 @@ class Codec:
 
     @property
     def device(self) -> torch.device:
-        """Device of the networks."""
         return next(self.receiver.parameters()).device
 
 

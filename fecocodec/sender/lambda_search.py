@@ -19,7 +19,6 @@ class AtMostKib:
         _require_positive(self.kib, "KiB")
 
     def __str__(self) -> str:
-        """Return the target for messages."""
         return f"{self.kib:g} KiB"
 
 
@@ -34,7 +33,6 @@ class AtLeastPsnr:
         _require_positive(self.psnr, "dB")
 
     def __str__(self) -> str:
-        """Return the target for messages."""
         return f"{self.psnr:g} dB"
 
 
@@ -46,7 +44,6 @@ class AtLeastNewPsnr(AtLeastPsnr):
     """
 
     def __str__(self) -> str:
-        """Return the target for messages."""
         return f"{self.psnr:g} dB at new views"
 
 

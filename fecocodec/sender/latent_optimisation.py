@@ -133,7 +133,6 @@ def proposer(
 
 
 def against_gradient(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
-    """Return the negative gradient."""
     return -slope.gradient
 
 

@@ -16,12 +16,12 @@ from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX, dequantise_lam
 from fecocodec.errors import InputError, SizeError
 from fecocodec.geometry.views import Views
 from fecocodec.progress import OnProgress, Progress, ignore_progress
-from fecocodec.sender.codec import Codec, load_codec
+from fecocodec.sender.codec import load_codec
 from fecocodec.sender.decoded_quality import decoded_quality
 from fecocodec.sender.encode import OnOmission, OnWarning, matched_scene, write_scene
 from fecocodec.sender.lambda_roles import decades_below
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtMostKib, Point, Target, next_lambda_q, point_of
-from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
+from fecocodec.sender.optimisation_config import BEST, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.view_checks import check_views
 from fecocodec.sender.view_quality import DecodedQuality
 
@@ -45,7 +45,6 @@ class Attempt:
 
     @property
     def psnr(self) -> float:
-        """Mean PSNR of these photographs, in dB."""
         return self.quality.psnr
 
 
@@ -53,6 +52,8 @@ Encoder = Callable[[int, OptimisationConfig, OnProgress], Attempt]
 OnLambda = Callable[[float], None]
 
 
+@torch.inference_mode(False)
+@torch.no_grad()
 def encode_to_target(
     views: Views,
     target: Target,
@@ -68,35 +69,15 @@ def encode_to_target(
     on_omission: OnOmission | None = None,
     on_lambda: OnLambda = lambda _lambda: None,
 ) -> bytes:
-    """Encode views to the bytes of a `.fcs` stream that meets a target. Other arguments as for `encode`.
+    """Encode views to the bytes of a `.fcs` stream that meets a target. Matching runs once for all encodings.
 
     target: `AtMostKib`, `AtLeastPsnr` or `AtLeastNewPsnr`. checks: photographs that the last of them is about, with
-    cameras in the world frame of the views. on_lambda: called with the lambda that is chosen. Raises InputError for
-    views that cannot be encoded and for a target that no lambda reaches, ModelError if weights cannot be loaded.
+    cameras in the world frame of the views. on_lambda: called with the lambda that is chosen. Other arguments as for
+    `encode`. Raises InputError for views that cannot be encoded and for a target that no lambda reaches, ModelError if
+    weights cannot be loaded.
     """
     check_views(views, 2, guides)
-    config = config_of_effort(effort, sharpness)
-    codec = load_codec(model_folder(model), device)
-    return encode_to_target_with(
-        codec, views, target, config, on_progress, on_warning, guides, on_omission, checks, on_lambda
-    )
-
-
-@torch.inference_mode(False)
-@torch.no_grad()
-def encode_to_target_with(
-    codec: Codec,
-    views: Views,
-    target: Target,
-    config: OptimisationConfig = DEFAULT,
-    on_progress: OnProgress = ignore_progress,
-    on_warning: OnWarning = lambda _sentence: None,
-    guides: Views | None = None,
-    on_omission: OnOmission | None = None,
-    checks: Views | None = None,
-    on_lambda: OnLambda = lambda _lambda: None,
-) -> bytes:
-    """Encode to a target with loaded networks. Matching runs once for all encodings. Raises InputError."""
+    config, codec = config_of_effort(effort, sharpness), load_codec(model_folder(model), device)
     is_about_new = isinstance(target, AtLeastNewPsnr)
     if is_about_new and checks is None:
         raise InputError("a PSNR of new views is measured on photographs that are not coded; keep some as `checks`.")

@@ -34,7 +34,6 @@ class Guides:
         return len(self.images)
 
     def select(self, guides: list[int]) -> "Guides":
-        """Return these guides, in this order."""
         transparency = None if self.transparency is None else self.transparency[guides]
         ignored = None if self.ignored is None else self.ignored[guides]
         return Guides(self.images[guides], self.cameras.select(guides), transparency, ignored)
@@ -60,7 +59,6 @@ class Scene:
 
     @property
     def num_views(self) -> int:
-        """Number of context views."""
         return self.images.shape[1]
 
     @property

@@ -136,12 +136,10 @@ class SceneEncoder:
 
     @property
     def num_views(self) -> int:
-        """Number of context views of each scene."""
         return self.images.shape[1]
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width) of the images."""
         return self.images.shape[-2], self.images.shape[-1]
 
     @property

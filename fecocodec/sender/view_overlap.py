@@ -71,23 +71,21 @@ def view_overlap(
     kept = torch.ones_like(relative)
     if ignored is not None:
         kept = 1 - F.interpolate(ignored[:, None].float(), relative.shape[-2:], mode="area")[:, 0]
-    count, num_guides = len(images), 0 if guides is None else guides.count
-    shared, confirmed = torch.zeros(2, count, count + num_guides)
-    of_guides = () if guides is None else F.interpolate(guides.images, relative.shape[-2:], mode="area")
+    count, every, colours_of_all = len(images), cameras, colours
+    if guides is not None:
+        of_guides = F.interpolate(guides.images, relative.shape[-2:], mode="area")
+        every, colours_of_all = cameras.joined(guides.cameras), torch.cat((colours, of_guides))
+    shared, confirmed = torch.zeros(2, count, len(colours_of_all))
     for view in range(count):
-        for other in (other for other in range(count) if other != view):
-            projected = cameras.select([other]).project(points[view])
-            consistency = consistency_with(relative[other], points[view], cameras, other)
-            has_same_depth = consistency > math.exp(-DISPARITY_DIFFERENCE / TOLERANCE)
-            is_confirmed = has_same_depth & _looks_alike(colours[view], colours[other], projected.uv[0])
+        for other in (other for other in range(len(colours_of_all)) if other != view):
+            projected = every.select([other]).project(points[view])
+            is_there = projected.is_visible[0]
+            if other < count:
+                consistency = consistency_with(relative[other], points[view], cameras, other)
+                is_there = consistency > math.exp(-DISPARITY_DIFFERENCE / TOLERANCE)
+            is_confirmed = is_there & _looks_alike(colours[view], colours_of_all[other], projected.uv[0])
             shared[view, other] = _share(projected.is_visible[0], kept[view])
             confirmed[view, other] = _share(is_confirmed, kept[view])
-        for guide, colour in enumerate(of_guides, start=count):
-            assert guides is not None
-            projected = guides.cameras.select([guide - count]).project(points[view])
-            is_confirmed = projected.is_visible[0] & _looks_alike(colours[view], colour, projected.uv[0])
-            shared[view, guide] = _share(projected.is_visible[0], kept[view])
-            confirmed[view, guide] = _share(is_confirmed, kept[view])
     return ViewOverlap(shared, confirmed)
 
 

@@ -38,7 +38,6 @@ class Attributes:
     higher: Float[Tensor, "batch view height width rest 3"]
 
     def scene(self, index: int) -> "Attributes":
-        """Return the attributes of one scene, as a batch of one."""
         return Attributes(*(getattr(self, entry.name)[index : index + 1] for entry in fields(self)))
 
     def gaussians(self) -> Gaussians:

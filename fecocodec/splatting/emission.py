@@ -49,7 +49,6 @@ class Prediction:
     relative_disparity: Float[Tensor, "batch view h4 w4"]
 
     def scene(self, index: int) -> "Prediction":
-        """Return the prediction of one scene, as a batch of one."""
         return Prediction(self.attributes.scene(index), self.relative_disparity[index : index + 1])
 
 

@@ -18,7 +18,7 @@ from fecocodec.sender.decoded_quality import decoded_quality, measure_decoded
 from fecocodec.sender.encode import encode_with
 from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib, Target, target_note
 from fecocodec.sender.optimisation_config import DEFAULT, FAST, OptimisationConfig
-from fecocodec.sender.rate_control import NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS, Attempt, encode_to_target_with, search
+from fecocodec.sender.rate_control import NUM_FAST_ENCODINGS, NUM_FULL_ENCODINGS, Attempt, encode_to_target, search
 from fecocodec.sender.view_quality import DecodedQuality
 from tests.example_scenes import MODEL, example_views
 
@@ -135,11 +135,13 @@ def quality_of(codec: Codec, views: Views) -> Callable[[bytes], float]:
     return quality_of
 
 
-def test_files_keep_a_quality(codec: Codec, views: Views, quality_of: Callable[[bytes], float]) -> None:
+def test_files_keep_a_quality(
+    codec: Codec, random_weights: Path, views: Views, quality_of: Callable[[bytes], float]
+) -> None:
     best = encode_with(codec, views, quantise_lambda(1e-5), config=CONFIG)
     target = AtLeastPsnr(quality_of(best) - 1.0)
     chosen: list[float] = []
-    found = encode_to_target_with(codec, views, target, CONFIG, on_lambda=chosen.append)
+    found = encode_to_target(views, target, effort=CONFIG, model=random_weights / MODEL, on_lambda=chosen.append)
     assert found == encode_with(codec, views, quantise_lambda(chosen[0]), 2, CONFIG)
     assert quality_of(found) >= target.psnr
 
@@ -152,7 +154,7 @@ def test_a_target_that_every_lambda_meets_is_said_to_be_met() -> None:
         assert target_note(lmbda, target) == f"lambda {lmbda:.3g} reaches the target of {target}."
 
 
-def test_files_keep_a_quality_at_new_views(codec: Codec, views: Views) -> None:
+def test_files_keep_a_quality_at_new_views(codec: Codec, random_weights: Path, views: Views) -> None:
     coded, checks = views.select([0]), views.select([1])
 
     def quality(data: bytes) -> float:
@@ -160,12 +162,12 @@ def test_files_keep_a_quality_at_new_views(codec: Codec, views: Views) -> None:
 
     best = quality(encode_with(codec, coded, quantise_lambda(1e-5), config=CONFIG))
     target = AtLeastNewPsnr(best - 1.0)
-    found = encode_to_target_with(codec, coded, target, CONFIG, checks=checks)
+    found = encode_to_target(coded, target, effort=CONFIG, model=random_weights / MODEL, checks=checks)
     assert quality(found) >= target.psnr
     with pytest.raises(InputError, match=r"a PSNR of 99 dB at new views cannot be reached, the best is .*code more"):
         search(Curve(0.0), AtLeastNewPsnr(99.0), DEFAULT, DEFAULT.num_steps, ("check.jpg",), quiet)
     with pytest.raises(InputError, match="measured on photographs that are not coded; keep some as `checks`"):
-        encode_to_target_with(codec, coded, target, CONFIG)
+        encode_to_target(coded, target, effort=CONFIG, model=random_weights / MODEL)
 
 
 def test_quality_is_measured_after_each_stage_as_decoded(

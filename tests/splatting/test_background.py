@@ -8,8 +8,7 @@ from einops import rearrange
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import Gaussians
-from fecocodec.rendering.rasterizer import render
-from fecocodec.rendering.rendering import Rendering
+from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.splatting.background import append, background_layer
 from tests.example_scenes import cameras_in_a_row, surface
 

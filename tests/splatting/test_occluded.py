@@ -7,8 +7,7 @@ from einops import rearrange
 
 from fecocodec.geometry.cameras import Cameras, camera_to_world_points, pixel_rays
 from fecocodec.geometry.gaussians import SH_DEGREE_0, Gaussians
-from fecocodec.rendering.rasterizer import render
-from fecocodec.rendering.rendering import Rendering
+from fecocodec.rendering.rasterizer import Rendering, render
 from fecocodec.splatting.background import append
 from fecocodec.splatting.occluded import LEAST_DISTANCE, LEAST_STEP, MOST_STEP, occluded_layer
 from tests.example_scenes import cameras_in_a_row, surface

@@ -20,7 +20,7 @@ from torch.utils._pytree import tree_leaves
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.receiver.model import Receiver
-from fecocodec.rendering.rendering import Rendering
+from fecocodec.rendering.rasterizer import Rendering
 from fecocodec.sender.model import Sender
 from fecocodec.training import training_pass
 from fecocodec.training.batch import Batch

@@ -88,7 +88,6 @@ class AdaptedExtractor(nn.Module):
 
     @property
     def frozen(self) -> LargeExtractor:
-        """The third-party extractor."""
         return self._frozen[0]
 
     @property

@@ -27,6 +27,7 @@ ENCODER, PREDICTOR = "encoder.", "depth_predictor."
 OFFICIAL_PREFIX = ENCODER + PREDICTOR
 # Part of the name of the one published small checkpoint that saw DL3DV. Its features have 1/8 resolution.
 _COARSE_NAME = "re10kdl3dv-448x768"
+_COARSE_WARNING = "it was trained with features at 1/8 resolution and is used at 1/4, so train it further"
 _JOINED, _JOINED_AT_8 = "feature_upsampler.concat_projects.0.weight", 160  # its inputs with matching at 1/8 and 1/4
 _NESTED = ("state_dict", "model")
 _LAST, _TRIDENT = "backbone.conv2", "backbone.trident_conv.weight"
@@ -101,7 +102,8 @@ def load_public_weights(extractor: DepthSplatSmall | DepthSplatBase, path: Path)
             raise ModelError(f"{path}: {name} is {found}, but {expected} here; take the weights of the {size} variant.")
     extractor.load_state_dict({name: stored[renamed[name]] for name in used}, strict=False, assign=is_large)
     taken = {renamed[name] for name in used}
-    return LoadReport(tuple(used), tuple(name for name in stored if name not in taken), missing, _warning(path))
+    unused = tuple(name for name in stored if name not in taken)
+    return LoadReport(tuple(used), unused, missing, _COARSE_WARNING if _COARSE_NAME in path.name else "")
 
 
 def _with_folded_trident(stored: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -113,12 +115,6 @@ def _with_folded_trident(stored: dict[str, Tensor]) -> dict[str, Tensor]:
     folded = {f"{_LAST}.weight": (summed @ weight.float().flatten(1))[..., None, None]}
     folded[f"{_LAST}.bias"] = summed @ bias.float()
     return {name: value for name, value in stored.items() if name != _TRIDENT} | folded
-
-
-def _warning(path: Path) -> str:
-    if _COARSE_NAME not in path.name:
-        return ""
-    return "it was trained with features at 1/8 resolution and is used at 1/4, so train it further"
 
 
 def _part(name: str) -> str:
