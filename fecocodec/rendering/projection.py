@@ -61,17 +61,12 @@ def covariances_backward(start, stop, scales, rotations, d_covariances, d_scales
         axes = rotation_columns(*unit)
         twice = scaled(2.0, (xx, xy, xz)), scaled(2.0, (xy, yy, yz)), scaled(2.0, (xz, yz, zz))
         of_axes = apply(twice, axes[0]), apply(twice, axes[1]), apply(twice, axes[2])
-        squares = (
-            scales[i, 0] * float(scales[i, 0]),
-            scales[i, 1] * float(scales[i, 1]),
-            scales[i, 2] * float(scales[i, 2]),
-        )
         for k in range(3):
             d_scales[i, k] = scales[i, k] * dot(of_axes[k], axes[k])
         d_columns = (
-            scaled(squares[0], of_axes[0]),
-            scaled(squares[1], of_axes[1]),
-            scaled(squares[2], of_axes[2]),
+            scaled(scales[i, 0] * float(scales[i, 0]), of_axes[0]),
+            scaled(scales[i, 1] * float(scales[i, 1]), of_axes[1]),
+            scaled(scales[i, 2] * float(scales[i, 2]), of_axes[2]),
         )
         dw, dx, dy, dz = rotation_columns_backward(unit[0], unit[1], unit[2], unit[3], d_columns)
         along = dw * unit[0] + dx * unit[1] + dy * unit[2] + dz * unit[3]  # radial part, without effect

@@ -37,8 +37,7 @@ def check_input(
     """
     return (
         *_warnings_about_cameras(views, guides),
-        *_warnings_about_images(views.images),
-        *_warnings_about_kinds(views),
+        *_warnings_about_images(views),
         *_warnings_about_bounds(views, guides),
         *_warnings_about_poses(views, guides),
         *_warnings_about_size(views, config_of_effort(effort)),
@@ -76,7 +75,8 @@ def _warnings_about_cameras(views: Views, guides: Views | None) -> list[str]:
             *warnings,
             "one view has no parallax, so its depth is unreliable; add a view from another position.",
         ]
-    points = _sample_points(cameras)
+    depth = (cameras.near * cameras.far).sqrt()
+    points = camera_to_world_points(cameras, depth * pixel_rays(cameras, _GRID, _GRID)).flatten(1, 2)  # samples
     overlap = _largest_overlap(points, cameras, views.ignored)
     alone = [
         f"{name} ({100 * share:.0f}%)"
@@ -92,15 +92,11 @@ def _warnings_about_cameras(views: Views, guides: Views | None) -> list[str]:
     return warnings
 
 
-def _warnings_about_images(images: Float[Tensor, "view 3 height width"]) -> list[str]:
-    if DARKEST <= float(images.mean()) <= BRIGHTEST:
-        return []
-    return ["the views are almost black or white; expose them so that surfaces can be distinguished."]
-
-
-def _warnings_about_kinds(views: Views) -> list[str]:
-    """Detect views that differ in kind from the others: grey among colours, transparent among opaque ones."""
+def _warnings_about_images(views: Views) -> list[str]:
+    """Detect dark or bright views, and those of another kind than the rest: grey or transparent ones."""
     warnings = []
+    if not DARKEST <= float(views.images.mean()) <= BRIGHTEST:
+        warnings.append("the views are almost black or white; expose them so that surfaces can be distinguished.")
     grey = views.images.mean(dim=1, keepdim=True)
     brightness = grey.mean(dim=(1, 2, 3)).clamp_min(DARKEST)
     colourfulness = (views.images - grey).abs().mean(dim=(1, 2, 3)) / brightness
@@ -187,12 +183,6 @@ def _warnings_about_bounds(views: Views, guides: Views | None) -> list[str]:
     ]
 
 
-def _sample_points(cameras: Cameras) -> Float[Tensor, "view n 3"]:
-    """Return world points on a grid of pixel rays of each view, at the geometric mean of near and far."""
-    depth = (cameras.near * cameras.far).sqrt()
-    return camera_to_world_points(cameras, depth * pixel_rays(cameras, _GRID, _GRID)).flatten(1, 2)
-
-
 def _largest_overlap(
     points: Float[Tensor, "view n 3"], cameras: Cameras, ignored: Bool[Tensor, "some height width"] | None
 ) -> Float[Tensor, " view"]:
@@ -217,7 +207,5 @@ def _largest_parallax(points: Float[Tensor, "view n 3"], cameras: Cameras) -> fl
     sight = points[:, None] - cameras.extrinsics[None, :, None, :3, 3]
     sight = sight / sight.norm(dim=-1, keepdim=True).clamp_min(1e-20)
     own = sight.diagonal(dim1=0, dim2=1).permute(2, 0, 1)[:, None]
-    angle = 2.0 * torch.asin(
-        ((sight - own).norm(dim=-1) / 2.0).clamp(max=1.0)
-    )  # accurate for small angles, unlike acos
+    angle = 2.0 * torch.asin(((sight - own).norm(dim=-1) / 2.0).clamp(max=1.0))  # for small angles better than acos
     return float(torch.rad2deg(angle).median(dim=-1).values.max())

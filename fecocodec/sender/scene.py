@@ -72,7 +72,11 @@ def prepare_scene(views: Views, device: torch.device, guides: Views | None = Non
     guides: of the same image size, with cameras in the same world frame. Raises InputError for cameras that a stream
     cannot represent.
     """
-    packed = _pack_checked(views.cameras)
+    packed = pack(views.cameras)
+    try:
+        check_cameras(packed, "the views' cameras")
+    except BitstreamError as error:
+        raise InputError(str(error)) from error
     normalised, frame = normalise_scene(unpack(packed))
     images, ignored = _on_grid(views, device)
     of_scene = packed, normalised.to(device).as_batch(), images[None], views.image_size, views.alpha
@@ -91,12 +95,3 @@ def _on_grid(views: Views, device: torch.device) -> tuple[Float[Tensor, "view 3 
     """Return the images and their ignored pixels, which are filled from around them, on the coding grid."""
     images, ignored = filled(views.images.float(), views.ignored), ignored_on_grid(views.ignored)
     return resample_to_grid(images.clone()).to(device), None if ignored is None else ignored.to(device)
-
-
-def _pack_checked(cameras: Cameras) -> PackedCameras:
-    packed = pack(cameras)
-    try:
-        check_cameras(packed, "the views' cameras")
-    except BitstreamError as error:
-        raise InputError(str(error)) from error
-    return packed

@@ -85,18 +85,6 @@ def test_surfaces_come_out_of_noise_and_end_where_colours_do() -> None:
     assert with_colour.float().mean() > 0.95
 
 
-def test_threads_change_nothing() -> None:
-    score = torch.randn(3, 6, 8, 8, generator=torch.Generator().manual_seed(3))
-    before = torch.get_num_threads()
-    try:
-        torch.set_num_threads(1)
-        alone = aggregate_costs(score, one_colour(score))
-        torch.set_num_threads(2)
-        assert torch.equal(aggregate_costs(score, one_colour(score)), alone)
-    finally:
-        torch.set_num_threads(before)
-
-
 MATCHED = torch.full((1, 1, 4, 4), 0.6)
 
 
