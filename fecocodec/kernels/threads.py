@@ -23,12 +23,8 @@ def run_side_by_side(task: Callable[[int], Result], count: int) -> list[Result]:
     num_threads = _num_threads()
     if num_threads == 1 or count < num_threads:
         return [task(index) for index in range(count)]
-    with ThreadPoolExecutor(num_threads, initializer=_become_worker) as pool:
+    with ThreadPoolExecutor(num_threads, initializer=setattr, initargs=(_worker, "is_one", True)) as pool:
         return list(pool.map(task, range(count)))
-
-
-def _become_worker() -> None:
-    _worker.is_one = True
 
 
 def _num_threads() -> int:

@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 import torch
 
-from fecocodec import decode, encode
+from fecocodec import encode
 from fecocodec.container import quantise_lambda, read_stream
-from fecocodec.geometry.cameras import Cameras
+from fecocodec.evaluation.novel_views import render_views
 from fecocodec.geometry.views import Views
 from fecocodec.grid import LATENTS
+from fecocodec.receiver.decode import decode
 from fecocodec.rendering.metrics import psnr
-from fecocodec.rendering.rasterizer import render
 from fecocodec.sender.codec import Codec
 from fecocodec.sender.detail_steps import search_of
 from fecocodec.sender.encode import matched_scene, write_stages
@@ -31,10 +31,7 @@ def views() -> Views:
 
 
 def quality(data: bytes, views: Views) -> float:
-    decoded = decode(data)
-    bounds = Cameras.of(decoded.cameras)
-    cameras = replace(views.cameras, near=bounds.near, far=bounds.far)
-    return float(psnr(render(decoded.gaussians, cameras, SIZE).color.clamp(0, 1), views.images).mean())
+    return float(psnr(render_views(decode(data).gaussians, views), views.images).mean())
 
 
 def test_guides_raise_the_quality_where_they_are(views: Views) -> None:
