@@ -64,11 +64,7 @@ def distortion(renderings: Pictures, photographs: Pictures) -> Float[Tensor, " p
 
 
 def find_detail(
-    encoder: SceneEncoder,
-    last: Stage[Any],
-    lambda_q: int,
-    config: OptimisationConfig,
-    progress: Progress = Progress(),  # noqa: B008 - frozen
+    encoder: SceneEncoder, last: Stage[Any], lambda_q: int, config: OptimisationConfig, progress: Progress
 ) -> Detail | None:
     """Return the detail layer of one scene; None if it gains less than its bits cost.
 
