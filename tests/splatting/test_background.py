@@ -65,10 +65,14 @@ def test_the_colour_of_the_near_border_is_continued() -> None:
 
 def test_where_the_layer_stands() -> None:
     cameras = cameras_in_a_row(0.0)
-    layer = background_layer(wall(cameras), cameras, (SIDE, SIDE))
-    assert float(layer.means[:, 2].min()) > 1.05 * WALL
-    cameras = cameras_in_a_row(0.0)
     scene = wall(cameras)
+    layer = background_layer(scene, cameras, (SIDE, SIDE))
+    assert float(layer.means[:, 2].min()) > 1.05 * WALL
+    with_slopes = replace(scene, harmonics=torch.cat((scene.harmonics, torch.ones(scene.count, 3, 3)), dim=1))
+    joined = append(with_slopes, layer)
+    assert joined.count == scene.count + layer.count
+    assert torch.equal(joined.harmonics[scene.count :, :1], layer.harmonics)
+    assert float(joined.harmonics[scene.count :, 1:].abs().max()) == 0.0
     opacities = scene.opacities.clone().view(SIDE, SIDE)
     opacities[:, :24], opacities[:4], opacities[-4:] = 0.0, 0.0, 0.0
     layer = background_layer(replace(scene, opacities=opacities.flatten()), cameras, (SIDE, SIDE))
@@ -80,14 +84,6 @@ def test_where_the_layer_stands() -> None:
     layer = background_layer(scene, cameras, (SIDE, SIDE))
     assert layer.count > 0
     assert all(bool(field.isfinite().all()) for field in layer.fields())
-    cameras = cameras_in_a_row(0.0)
-    scene = wall(cameras)
-    layer = background_layer(scene, cameras, (SIDE, SIDE))
-    leaning = replace(scene, harmonics=torch.cat((scene.harmonics, torch.ones(scene.count, 3, 3)), dim=1))
-    joined = append(leaning, layer)
-    assert joined.count == scene.count + layer.count
-    assert torch.equal(joined.harmonics[scene.count :, :1], layer.harmonics)
-    assert float(joined.harmonics[scene.count :, 1:].abs().max()) == 0.0
 
 
 def test_no_gaussian_stands_before_the_continued_surface_of_another_view() -> None:

@@ -44,7 +44,6 @@ def test_far_views_give_way_to_the_nearest_one_that_sees_it() -> None:
     assert near > 0.999
     assert middle == pytest.approx(1.0 - OPACITY, abs=0.01)
     assert far == pytest.approx((1.0 - OPACITY) ** 2, abs=0.02)
-    found = kept(cameras_at(0.0, 1.0, 4.0))
     assert found[0, 0, 0] > 0.999 and found[0, CENTRE[0], CENTRE[1]].max() < 0.2
     cameras = cameras_at(0.0, 0.0, 0.0)
     cameras.intrinsics[0, 2, :2, :2] *= 2.0

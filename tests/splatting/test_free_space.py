@@ -98,11 +98,10 @@ def test_a_third_view_confirms_or_rejects() -> None:
     confirmed = walls_with_patches(cameras, [0, 2], RED)
     assert alone.mean() > 0.8
     assert confirmed.mean() < alone.mean() - 0.1
-    cameras, near_blue = three_in_a_row(), BLUE + torch.tensor([0.12, 0.12, 0.0])
+    near_blue = BLUE + torch.tensor([0.12, 0.12, 0.0])
     pair = walls_with_patches(cameras.select([0, 1]), [0], near_blue)
     triple = walls_with_patches(cameras, [0], near_blue)
     assert triple.mean() > pair.mean() + 0.01
-    cameras = three_in_a_row()
     cameras.extrinsics[0, 1, 2, 3] = 2.0  # the second camera is 0.5 in front of a patch at 2.5; the near bound is 1
     assert walls_with_patches(cameras, [0], BLUE).max() > 0.95
     cameras.extrinsics[0, 1, 2, 3] = 1.0

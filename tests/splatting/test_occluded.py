@@ -75,7 +75,6 @@ def test_nothing_is_continued_without_steps_of_depth_or_too_far() -> None:
     opacities[::2, BEFORE] = 0.0
     assert layer_of(replace(scene, opacities=opacities.flatten()), cameras).count == 0  # half a post
     # Else a little transparency would multiply rendered depths.
-    cameras = cameras_in_a_row(0.0)
     layer = layer_of(post_before_wall(cameras, 0.1 * WALL), cameras)
     assert layer.count > 0
     torch.testing.assert_close(layer.means[:, 2], torch.full((layer.count,), MOST_STEP * 0.1 * WALL))
@@ -114,9 +113,7 @@ def test_gaussians_at_infinity_or_far_and_faint_change_nothing_else() -> None:
     layer = layer_of(scene, cameras)
     assert layer.count > 0.9 * expected.count
     assert all(bool(field.isfinite().all()) for field in layer.fields())
-    cameras = cameras_in_a_row(0.0)
     scene = post_before_wall(cameras)
-    expected = layer_of(scene, cameras)
     scene.means[0] *= 100.0
     scene.opacities[0] = 0.005
     torch.testing.assert_close(layer_of(scene, cameras).means, expected.means, atol=1e-3, rtol=1e-3)

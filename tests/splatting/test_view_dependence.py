@@ -81,7 +81,6 @@ def test_gaussians_that_are_left_as_they_are() -> None:
     cameras = cameras_in_a_row(0.0, 1.0)
     found = dependent(cameras, [0.2, 0.6], [WALL, WALL])
     assert view_dependent(found, cameras, (SIDE, SIDE), CONFIG) is found
-    cameras = cameras_in_a_row(0.0, 1.0)
     gaussians = wall(cameras, [0.2, 0.6], [WALL, WALL])
     gaussians.means[5] = torch.inf
     found = view_dependent(gaussians, cameras, (SIDE, SIDE), CONFIG)
