@@ -18,7 +18,9 @@ LEAST_LEFT_OUT_PSNR = 17.0
 # the scenes with right cameras have such a view, and 40% of those with one camera turned by 15 degrees. Two of eight
 # captures (dorm_room, museum_head; fast, 192x192) have a coded view so far below the others as decoded.
 LARGEST_GAP, LEAST_COMPARED = 6.0, 3
-CHECK_CAMERAS = "check that each camera belongs to its photograph"  # the last advice: most cameras are right
+# The last advice, as most cameras are right: of cameras that were given, and of those estimated from the photographs.
+CHECK_CAMERAS = "check that each camera belongs to its photograph"
+TAKE_AGAIN = "take photographs that overlap more, as their cameras were estimated"
 LEAST_NEW_PSNR = 20.0  # dB, mean of photographs that were not used, below which `new_view_warnings` calls them poor
 
 
@@ -56,13 +58,16 @@ class LeftOutQuality:
         return fmean(self.psnr_of_view.values())
 
 
-def left_out_warnings(quality: LeftOutQuality, names: Sequence[str]) -> tuple[str, ...]:
-    """Return one sentence if the coded views do not predict each other, or all but one do. names: of the views."""
+def left_out_warnings(quality: LeftOutQuality, names: Sequence[str], are_estimated: bool = False) -> tuple[str, ...]:
+    """Return one sentence if the coded views do not predict each other, or all but one do.
+
+    names: of the views. are_estimated: whether their cameras were not given.
+    """
     if quality.psnr < LEAST_LEFT_OUT_PSNR:
+        advice = _either(["add photographs between them", _on_cameras(are_estimated)])
         return (
             "new views will be poor: each coded view, rendered from the others alone, has a PSNR of "
-            f"{quality.psnr:.1f} dB where they show it; check that each camera belongs to its photograph, or add "
-            "photographs between them.",
+            f"{quality.psnr:.1f} dB where they show it; {advice}.",
         )
     worst = min(quality.psnr_of_view, key=lambda view: quality.psnr_of_view[view])
     others = [value for view, value in quality.psnr_of_view.items() if view != worst]
@@ -71,16 +76,17 @@ def left_out_warnings(quality: LeftOutQuality, names: Sequence[str]) -> tuple[st
         return ()
     return (
         f"{names[worst]} does not fit the other views: from their Gaussians alone it has a PSNR of {found:.1f} dB, "
-        f"they have {median(others):.1f} dB; check that its camera belongs to it, leave it out by `views`, or add "
-        "photographs beside it.",
+        f"they have {median(others):.1f} dB; {_on_view(are_estimated)}.",
     )
 
 
-def quality_warnings(quality: DecodedQuality, names: tuple[str, ...], effort: str = "default") -> tuple[str, ...]:
+def quality_warnings(
+    quality: DecodedQuality, names: tuple[str, ...], effort: str = "default", are_estimated: bool = False
+) -> tuple[str, ...]:
     """Return one sentence if the decoded context views are poor, with what helps.
 
-    quality: after the last stage. names: of the views. effort: with which they were encoded. The result is empty if
-    their mean PSNR is LEAST_PSNR or more.
+    quality: after the last stage. names: of the views. effort: with which they were encoded. are_estimated: whether
+    their cameras were not given. The result is empty if their mean PSNR is LEAST_PSNR or more.
     """
     if quality.psnr >= LEAST_PSNR:
         return ()
@@ -93,13 +99,13 @@ def quality_warnings(quality: DecodedQuality, names: tuple[str, ...], effort: st
     closer = ["choose fewer `views`, which are closer together"]
     if len(names) == 2:
         closer = [*smaller, "choose two views closer together"]
-    return (f"{found}; {_either([*_other_effort(effort), *closer, CHECK_CAMERAS])}.",)
+    return (f"{found}; {_either([*_other_effort(effort), *closer, _on_cameras(are_estimated)])}.",)
 
 
-def worst_view_warnings(quality: DecodedQuality, names: Sequence[str]) -> tuple[str, ...]:
-    """Return one sentence if the worst decoded context view is poor and far worse than the others. names: of the views.
+def worst_view_warnings(quality: DecodedQuality, names: Sequence[str], are_estimated: bool = False) -> tuple[str, ...]:
+    """Return one sentence if the worst decoded context view is poor and far worse than the others.
 
-    quality: after the last stage.
+    quality: after the last stage. Other arguments as for `left_out_warnings`.
     """
     worst = quality.worst_view
     found, *others = sorted(quality.psnr_of_view)
@@ -107,18 +113,22 @@ def worst_view_warnings(quality: DecodedQuality, names: Sequence[str]) -> tuple[
         return ()
     return (
         f"{names[worst]} is decoded far worse than the other views: it has a PSNR of {found:.1f} dB, they have "
-        f"{median(others):.1f} dB; add photographs beside it, leave it out by `views`, or check that its camera "
-        "belongs to it.",
+        f"{median(others):.1f} dB; {_on_view(are_estimated)}.",
     )
 
 
 def new_view_warnings(
-    quality: DecodedQuality, names: tuple[str, ...], num_coded: int, is_any_left: bool, effort: str = "default"
+    quality: DecodedQuality,
+    names: tuple[str, ...],
+    num_coded: int,
+    is_any_left: bool,
+    effort: str = "default",
+    are_estimated: bool = False,
 ) -> tuple[str, ...]:
     """Return one sentence if new views are poor, with what helps.
 
     quality, names: of photographs that were not used. num_coded: number of coded views. is_any_left: whether further
-    photographs could be coded. effort: with which they were encoded.
+    photographs could be coded. effort, are_estimated: as for `quality_warnings`.
     """
     if quality.psnr >= LEAST_NEW_PSNR:
         return ()
@@ -129,7 +139,7 @@ def new_view_warnings(
         advice.append(f"encode a smaller part of the scene, as a file holds at most {MAX_VIEWS} coded views")
     elif is_any_left:
         advice.append("code more of them by `views`")
-    advice.append(CHECK_CAMERAS)
+    advice.append(_on_cameras(are_estimated))
     return (
         f"new views are poor, with a PSNR of {quality.psnr:.1f} dB, measured on {photographs(len(names))} (worst "
         f"{names[worst]}, {quality.psnr_of_view[worst]:.1f} dB); {_either(advice)}.",
@@ -141,6 +151,17 @@ def _other_effort(effort: str) -> list[str]:
     if effort == "fast":
         return ["leave out `effort=fast`"]
     return ["use `effort=best`"] if effort == "default" else []
+
+
+def _on_cameras(are_estimated: bool) -> str:
+    """Return the advice on the cameras of a scene."""
+    return TAKE_AGAIN if are_estimated else CHECK_CAMERAS
+
+
+def _on_view(are_estimated: bool) -> str:
+    """Return the advice on one view that does not fit the others."""
+    of_given = [] if are_estimated else ["check that its camera belongs to it"]
+    return _either(["add photographs beside it", "leave it out by `views`", *of_given])
 
 
 def _either(advice: Sequence[str]) -> str:

@@ -174,6 +174,21 @@ def test_a_view_that_is_far_worse_than_the_others_is_named() -> None:
         assert worst_view_warnings(DecodedQuality(fine), names) == ()
 
 
+def test_nobody_is_asked_to_check_cameras_that_were_estimated() -> None:
+    names, poor = ("a.png", "b.png", "c.png"), DecodedQuality((18.0, 10.0, 18.0))
+    found = (
+        *quality_warnings(poor, names, are_estimated=True),
+        *new_view_warnings(poor, names, 4, True, are_estimated=True),
+        *worst_view_warnings(poor, names, are_estimated=True),
+        *left_out_warnings(LeftOutQuality({0: 14.0, 1: 14.5}, 0.6), names, are_estimated=True),
+        *left_out_warnings(LeftOutQuality({0: 24.0, 1: 24.0, 2: 12.0}, 0.6), names, are_estimated=True),
+    )
+    of_scene = "or take photographs that overlap more, as their cameras were estimated."
+    of_view = "add photographs beside it, or leave it out by `views`."
+    ends = (of_scene, of_scene, of_view, of_scene, of_view)
+    assert all(sentence.endswith(end) for sentence, end in zip(found, ends, strict=True))
+
+
 def test_a_stage_that_lowers_the_quality_is_said() -> None:
     better, worse = DecodedQuality((30.0, 28.0)), DecodedQuality((29.0, 28.0))
     assert not is_lowered_by_stage_2((worse, better)) and not is_lowered_by_stage_2((better,))
@@ -189,12 +204,12 @@ def test_views_that_do_not_predict_each_other_are_said(stream_bytes: bytes, caps
     assert left_out_warnings(LeftOutQuality({0: 14.0, 1: 20.0}, 0.2), ("a.png", "b.png")) == ()
     assert left_out_warnings(poor, ("a.png", "b.png")) == (
         "new views will be poor: each coded view, rendered from the others alone, has a PSNR of 14.2 dB where they "
-        "show it; check that each camera belongs to its photograph, or add photographs between them.",
+        "show it; add photographs between them, or check that each camera belongs to its photograph.",
     )
     one = LeftOutQuality({0: 21.0, 2: 24.0, 4: 16.5}, 0.6)
     assert left_out_warnings(one, "abcde") == (
-        "e does not fit the other views: from their Gaussians alone it has a PSNR of 16.5 dB, they have 22.5 dB; check "
-        "that its camera belongs to it, leave it out by `views`, or add photographs beside it.",
+        "e does not fit the other views: from their Gaussians alone it has a PSNR of 16.5 dB, they have 22.5 dB; add "
+        "photographs beside it, leave it out by `views`, or check that its camera belongs to it.",
     )
     assert left_out_warnings(LeftOutQuality({0: 21.0, 2: 24.0, 4: 16.6}, 0.6), "abcde") == ()
     assert left_out_warnings(LeftOutQuality({0: 24.0, 1: 12.0}, 0.6), "ab") == ()
