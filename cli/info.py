@@ -116,13 +116,12 @@ def print_summary(summary: StreamSummary) -> None:
             ("decoding", f"{header.num_pixels:,} pixels in all, about {decoding_gib(header):.1f} GiB of memory"),
         ]
     )
-    click.echo()
     rows = [
         (f"{s.offset}", s.name, f"{s.total_bytes}", _CONTENTS.get(s.name, "") if s.is_intact else "damaged")
         for s in summary.sections
     ]
     header_row = ("0", "header", f"{summary.header_bytes}", "model, sizes, lambda")
-    print_columns([("at byte", "section", "bytes", ""), header_row, *rows])
+    print_columns([("", "", "", ""), ("at byte", "section", "bytes", ""), header_row, *rows])
 
 
 def _described(metadata: Metadata | None) -> list[tuple[str, str]]:
