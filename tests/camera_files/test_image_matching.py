@@ -125,6 +125,8 @@ def test_all_missing_images_are_counted_and_named(tmp_path: Path) -> None:
         "25 of 30 images that transforms.json names are missing and are passed over "
         f"({names} and 5 more); put them there to use them."
     )
+    with pytest.raises(InputError, match=r"003\.png, and of 2 images 2 are missing in all; put them"):
+        choose_photographs(folder, views=(3, 4))
 
 
 def test_names_of_files_in_a_locale_that_is_not_utf8(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,7 +54,8 @@ def test_a_batch_is_as_strict_as_encode(fecosplat, networks, scenes, output, mon
     strict = (*FAST, "--guides", "none", "--strict")
     assert fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict).code == 0
     batch = ("batch", "encode", scenes, "-o", output, "--shard", "2/2", *strict)
-    assert fecosplat(*batch[:-1]).code == 0
+    assert fecosplat(*batch).code == 0 and fecosplat(*batch[:-1], "--overwrite").code == 0
+    assert (output / "wall.fcs").read_bytes() == (output / "single.fcs").read_bytes()  # --strict changes no byte
     sentence = "the decoded views are poor"
     monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: (f"{sentence}.",))
     refused = fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict, "--overwrite")

@@ -27,7 +27,7 @@ INDEX = {"wall0": {"context": [0, 2], "target": [1]}, "gone": {"context": [0, 2]
 def plan(tmp_path: Path, random_weights: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     """Without steps of optimisation, and without charts, which `test_paper_tables` draws."""
     monkeypatch.setitem(EFFORTS, "default", FAST)
-    monkeypatch.setattr(evaluation, "quality_charts", lambda *_: ())
+    monkeypatch.setattr(evaluation, "write_png", lambda _chart, path: path.write_bytes(b""))
     root = write_wall_chunks(tmp_path / "chunks", num_scenes=1)
     index = tmp_path / "evaluation.json"
     index.write_text(json.dumps(INDEX))
@@ -44,6 +44,7 @@ def test_one_broken_scene_loses_nothing_else_and_a_second_run_measures_nothing_a
     for row in report.averages:
         assert all(value is not None and 0 < value < 1 for value in (row.st_lpips, row.lpips, row.lpips_alex))
     assert sorted(path.name for path in (plan.output / "strips").iterdir()) == ["wall0.png"]
+    assert (plan.output / "curves_psnr.png").exists()
     lines = (plan.output / RECORDS).read_text().splitlines()
     plan.index.write_text(json.dumps({"wall0": INDEX["wall0"]}))
     again = evaluate_to_folder(plan)

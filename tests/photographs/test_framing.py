@@ -32,9 +32,10 @@ def test_a_crop_never_leaves_the_photograph(stored: tuple[int, int], size: tuple
 
 def test_a_message_has_the_size_of_the_photographs() -> None:
     rest = "but each side must have 64 to 1024; use larger images or give `size`."
-    strip = Lens(8192, 256, fx=4096.0, fy=4096.0, cx=4096.0, cy=128.0)
-    with pytest.raises(InputError, match=f"^strip.jpg: 8192x256 pixels, reduced to 1024x32, {rest}$"):
-        common_size([strip], ["strip.jpg"])
+    for width, height, reduced in ((8192, 256, ", reduced to 1024x32"), (96, 50, "")):
+        lens = Lens(width, height, fx=width / 2, fy=width / 2, cx=width / 2, cy=height / 2)
+        with pytest.raises(InputError, match=f"^a.jpg: {width}x{height} pixels{reduced}, {rest}$"):
+            common_size([lens], ["a.jpg"])
 
 
 @pytest.mark.parametrize(("size", "count"), [((768, 1024), 6), ((768, 1024), 16), ((1024, 64), 16), ((577, 1024), 8)])

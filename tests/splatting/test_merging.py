@@ -15,6 +15,7 @@ from fecocodec.merging.grouping import DEFAULT_MERGING as CONFIG
 from fecocodec.merging.grouping import MergingConfig
 from fecocodec.merging.moment_matching import (
     Mixture,
+    adjugate_form,
     dilogarithm,
     from_axes,
     merged_groups,
@@ -165,6 +166,14 @@ def test_axes_and_covariances_are_inverse(scales: list[float], rotation: list[fl
     covariance = from_axes(np.array([scales], np.float32), quaternion)
     again = from_axes(*to_axes(covariance))
     np.testing.assert_allclose(again, covariance, rtol=0, atol=2e-6 * max(scales) ** 2)
+
+
+def test_the_adjugate_form_is_the_determinant_times_the_inverse_form() -> None:
+    factor, vectors = (np.random.default_rng(5).normal(size=(20, 3, columns)) for columns in (3, 1))
+    matrices = factor @ factor.swapaxes(1, 2)
+    expected = np.linalg.det(matrices) * (vectors.swapaxes(1, 2) @ np.linalg.solve(matrices, vectors))[:, 0, 0]
+    entries = matrices[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]].T
+    np.testing.assert_allclose(adjugate_form(entries, vectors[..., 0]), expected, rtol=1e-6)
 
 
 def test_decode_merges_by_default_and_leaves_the_other_gaussians_unchanged() -> None:

@@ -45,6 +45,7 @@ def test_shapes_that_are_drawn() -> None:
     ("arguments", "sentence"),
     [
         ((1, ((2, 1.0),), 2, ((100, 128),)), r"side of 100 pixels cannot be used; choose a multiple of 32 from 64"),
+        ((1, ((2, 1.0),), 2, ((128, 1056),)), r"side of 1056 pixels cannot be used"),
         ((1, ((17, 1.0),), 2, (SQUARE,)), r"17 context views .* give 1 to 16 views"),
         ((1, ((2, 0.0),), 2, (SQUARE,)), r"share 0 .* positive shares"),
         ((1, ((2, 1.0), (8, 1.0)), 2, (SQUARE,)), r"8 context views exceed .* give a smaller size too"),

@@ -46,6 +46,10 @@ def test_twenty_steps_on_two_processes(name: str, write, num_views: str, tmp_pat
 
 def test_the_configurations_are_the_papers_and_variants_differ_as_named() -> None:
     re10k, dl3dv = configuration_named("paper-re10k"), configuration_named("paper-dl3dv")
+    for name in ("paper-re10k", "paper-dl3dv", "paper-dl3dv-large"):
+        configuration = configuration_named(name)
+        assert (configuration.schedule.learning_rate, configuration.precision) == (2e-4, "bfloat16")
+        assert configuration.shapes.num_scenes == 1
     assert re10k.schedule.num_steps == dl3dv.schedule.num_steps == 300_000
     assert re10k.sender.extractor == dl3dv.sender.extractor == "depthsplat-small"
     assert re10k.lambda_range == pytest.approx((1e-5, 1e-2)) and dl3dv.lambda_range == pytest.approx((1e-5, 1e-3))

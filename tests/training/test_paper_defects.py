@@ -196,7 +196,7 @@ def test_validation_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> 
     chunks = _chunks(tmp_path)
     sources = replace(synthetic_sources(), photographs=chunks, validation=chunks)
     settings = {"log_every": 2, "validation_scenes": 1, "keep_every": 1}
-    schedule = replace(TINY.schedule, num_steps=1)
+    schedule = replace(TINY.schedule, num_steps=2)
     it = tiny_trainer(tmp_path / "run", schedule, sources, settings=settings, lambda_range=(1e-3, 1e-3))
     weights = copied(it.networks)
     monitor = RunMonitor(it)
@@ -204,13 +204,13 @@ def test_validation_scenes_are_measured_and_checkpoints_kept(tmp_path: Path) -> 
     assert changed(it.networks, weights) == set()
     assert first == monitor.validate() and first["val_bpp"] > 0 and first["val_psnr"] > 3 and first["val_st_lpips"] > 0
     rows = list(train(it))
-    assert [row["step"] for row in rows] == [1.0] and {"val_psnr", "val_st_lpips", "val_bpp"} <= rows[0].keys()
-    assert {path.name for path in (tmp_path / "run").glob("*.pt")} == {"last.pt", "step_0000001.pt"}
+    assert [row["step"] for row in rows] == [2.0] and {"val_psnr", "val_st_lpips", "val_bpp"} <= rows[0].keys()
+    assert {path.name for path in (tmp_path / "run").glob("step_*.pt")} == {"step_0000001.pt", "step_0000002.pt"}
     lines = (tmp_path / "run" / "validation.txt").read_text().splitlines()
     header, *values = (line.split("\t") for line in lines)
     assert header == ["step", "lmbda", "bpp", "psnr", "st_lpips"] and len(values) == 3
     last = dict(zip(header, map(float, values[-1]), strict=True))
-    assert last["step"] == 1 and last["lmbda"] == pytest.approx(1e-3, rel=0.01)
+    assert last["step"] == 2 and last["lmbda"] == pytest.approx(1e-3, rel=0.01)
     assert last["psnr"] == pytest.approx(rows[0]["val_psnr"], rel=1e-5)
 
 
