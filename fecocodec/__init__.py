@@ -10,36 +10,57 @@ Public names are imported on first use, so that code without networks (`fecospla
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # `as` says that a name is public
-    from fecocodec.captures.scene_folder import read_views as read_views
-    from fecocodec.codec.encode_folder import EncodingReport as EncodingReport
-    from fecocodec.codec.encode_folder import encode_folder as encode_folder
-    from fecocodec.codec.options import EncodingOptions as EncodingOptions
-    from fecocodec.decoding import Decoded as Decoded
-    from fecocodec.decoding import decode as decode
-    from fecocodec.errors import BitstreamError as BitstreamError
-    from fecocodec.errors import FecoError as FecoError
-    from fecocodec.errors import InputError as InputError
-    from fecocodec.errors import ModelError as ModelError
-    from fecocodec.errors import OutputError as OutputError
-    from fecocodec.geometry.cameras import Cameras as Cameras
-    from fecocodec.geometry.gaussians import Gaussians as Gaussians
-    from fecocodec.geometry.views import Views as Views
-    from fecocodec.rendering.rasterizer import Rendering as Rendering
-    from fecocodec.rendering.rasterizer import render as render
-    from fecocodec.sender.decoded_quality import measure_decoded as measure_decoded
-    from fecocodec.sender.encode import encode as encode
-    from fecocodec.sender.input_warnings import check_input as check_input
-    from fecocodec.sender.lambda_search import AtLeastNewPsnr as AtLeastNewPsnr
-    from fecocodec.sender.lambda_search import AtLeastPsnr as AtLeastPsnr
-    from fecocodec.sender.lambda_search import AtMostKib as AtMostKib
-    from fecocodec.sender.rate_control import encode_to_target as encode_to_target
-    from fecocodec.sender.view_quality import DecodedQuality as DecodedQuality
-    from fecocodec.sender.view_quality import quality_warnings as quality_warnings
-    from fecocodec.splat_files.ply import read_ply as read_ply
-    from fecocodec.splat_files.ply_writing import write_ply as write_ply
+if TYPE_CHECKING:
+    from fecocodec.captures.scene_folder import read_views
+    from fecocodec.codec.encode_folder import EncodingReport, encode_folder
+    from fecocodec.codec.options import EncodingOptions
+    from fecocodec.decoding import Decoded, decode
+    from fecocodec.errors import BitstreamError, FecoError, InputError, ModelError, OutputError
+    from fecocodec.geometry.cameras import Cameras
+    from fecocodec.geometry.gaussians import Gaussians
+    from fecocodec.geometry.views import Views
+    from fecocodec.rendering.rasterizer import Rendering, render
+    from fecocodec.sender.decoded_quality import measure_decoded
+    from fecocodec.sender.encode import encode
+    from fecocodec.sender.input_warnings import check_input
+    from fecocodec.sender.lambda_search import AtLeastNewPsnr, AtLeastPsnr, AtMostKib
+    from fecocodec.sender.rate_control import encode_to_target
+    from fecocodec.sender.view_quality import DecodedQuality, quality_warnings
+    from fecocodec.splat_files.ply import read_ply
+    from fecocodec.splat_files.ply_writing import write_ply
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "AtLeastNewPsnr",
+    "AtLeastPsnr",
+    "AtMostKib",
+    "BitstreamError",
+    "Cameras",
+    "Decoded",
+    "DecodedQuality",
+    "EncodingOptions",
+    "EncodingReport",
+    "FecoError",
+    "Gaussians",
+    "InputError",
+    "ModelError",
+    "OutputError",
+    "Rendering",
+    "Views",
+    "__version__",
+    "check_input",
+    "decode",
+    "encode",
+    "encode_folder",
+    "encode_to_target",
+    "measure_decoded",
+    "quality_warnings",
+    "read_ply",
+    "read_views",
+    "render",
+    "write_ply",
+]
 
 _NAMES_IN = {
     "fecocodec.captures.scene_folder": "read_views",
@@ -61,7 +82,6 @@ _NAMES_IN = {
     "fecocodec.splat_files.ply_writing": "write_ply",
 }
 _MODULE_OF = {name: module for module, names in _NAMES_IN.items() for name in names.split()}
-__all__ = ["__version__", *_MODULE_OF]
 
 
 def __getattr__(name: str) -> object:

@@ -1,30 +1,55 @@
 """The `.fcs` container: bytes to fields and back, without numpy or torch. The format is `bitstream_spec/FORMAT.md`."""
 
-from fecocodec.container.cameras import PackedCameras as PackedCameras
-from fecocodec.container.detail_section import MAX_DETAIL_STEP as MAX_DETAIL_STEP
-from fecocodec.container.detail_section import Detail as Detail
-from fecocodec.container.header import EXCESS_UNIT as EXCESS_UNIT
-from fecocodec.container.header import FormatVersion as FormatVersion
-from fecocodec.container.header import Header as Header
-from fecocodec.container.header_bytes import read_header as read_header
-from fecocodec.container.inspection import StreamSummary as StreamSummary
-from fecocodec.container.inspection import inspect as inspect
-from fecocodec.container.inspection import list_sections as list_sections
-from fecocodec.container.lambda_quantisation import LAMBDA_Q_MAX as LAMBDA_Q_MAX
-from fecocodec.container.lambda_quantisation import dequantise_lambda as dequantise_lambda
-from fecocodec.container.lambda_quantisation import quantise_lambda as quantise_lambda
-from fecocodec.container.stage_choice import Stages as Stages
-from fecocodec.container.stage_choice import check_pixels as check_pixels
-from fecocodec.container.stage_choice import check_symbol_digest as check_symbol_digest
-from fecocodec.container.stage_choice import decode_stages as decode_stages
-from fecocodec.container.stage_choice import read_stages as read_stages
-from fecocodec.container.stream import IntactPart as IntactPart
-from fecocodec.container.stream import Stream as Stream
-from fecocodec.container.stream import read_intact as read_intact
-from fecocodec.container.stream import read_prefix as read_prefix
-from fecocodec.container.stream import read_stream as read_stream
-from fecocodec.container.stream import with_metadata as with_metadata
-from fecocodec.container.stream import write_stream as write_stream
-from fecocodec.container.stream_file import read_stream_file as read_stream_file
-from fecocodec.container.view_grids import COVERAGE_CELLS as COVERAGE_CELLS
-from fecocodec.container.view_grids import FADING_BLOCKS as FADING_BLOCKS
+from fecocodec.container.cameras import PackedCameras
+from fecocodec.container.detail_section import MAX_DETAIL_STEP, Detail
+from fecocodec.container.header import EXCESS_UNIT, FormatVersion, Header
+from fecocodec.container.header_bytes import read_header
+from fecocodec.container.inspection import StreamSummary, inspect, list_sections
+from fecocodec.container.lambda_quantisation import (
+    LAMBDA_Q_MAX,
+    dequantise_lambda,
+    quantise_lambda,
+)
+from fecocodec.container.stage_choice import Stages, check_pixels, check_symbol_digest, decode_stages, read_stages
+from fecocodec.container.stream import (
+    IntactPart,
+    Stream,
+    read_intact,
+    read_prefix,
+    read_stream,
+    with_metadata,
+    write_stream,
+)
+from fecocodec.container.stream_file import read_stream_file
+from fecocodec.container.view_grids import COVERAGE_CELLS, FADING_BLOCKS
+
+__all__ = [
+    "COVERAGE_CELLS",
+    "EXCESS_UNIT",
+    "FADING_BLOCKS",
+    "LAMBDA_Q_MAX",
+    "MAX_DETAIL_STEP",
+    "Detail",
+    "FormatVersion",
+    "Header",
+    "IntactPart",
+    "PackedCameras",
+    "Stages",
+    "Stream",
+    "StreamSummary",
+    "check_pixels",
+    "check_symbol_digest",
+    "decode_stages",
+    "dequantise_lambda",
+    "inspect",
+    "list_sections",
+    "quantise_lambda",
+    "read_header",
+    "read_intact",
+    "read_prefix",
+    "read_stages",
+    "read_stream",
+    "read_stream_file",
+    "with_metadata",
+    "write_stream",
+]
