@@ -121,6 +121,7 @@ def print_summary(summary: StreamSummary) -> None:
         for s in summary.sections
     ]
     header_row = ("0", "header", f"{summary.header_bytes}", "model, sizes, lambda")
+    # An empty line first, written where errors of stdout are caught.
     print_columns([("", "", "", ""), ("at byte", "section", "bytes", ""), header_row, *rows])
 
 

@@ -35,9 +35,8 @@ class MatchedImages:
     """The image files of a camera file.
 
     names: as the camera file has them. paths: one for each name; one that does not exist is where the image was looked
-    for. reduction: factor by which the
-    images are smaller than those that were named, told by the name of their folder. remarks: one sentence if images
-    are not where the camera file says.
+    for. reduction: factor by which the images are smaller than those that were named, told by the name of their folder.
+    remarks: one sentence if images are not where the camera file says.
     """
 
     names: tuple[str, ...]
@@ -49,13 +48,13 @@ class MatchedImages:
 def match_images(cameras_path: Path, names: Sequence[str], usual: Sequence[Path]) -> MatchedImages:
     """Find the image files. usual: folders in which this format keeps images, from which names start.
 
-    Looks there, then in `images`, `input` and `images_N` of these folders, then above the scene folder.
+    Looks there, then in `images`, `input` and `images_N` of these folders, then above the camera file.
     """
     listed = _Listings()
     wanted = [parts_of(name) for name in names]
     best = _Match(usual[0], 1, [None] * len(names))
-    scene = min(usual, key=lambda folder: len(folder.parts))
-    for places in (image_folders(usual), _folders_above(scene)):
+    start = cameras_path if cameras_path.is_dir() else cameras_path.parent
+    for places in (image_folders(usual), _folders_above(start)):
         for folder, reduction in places:
             found = _Match(folder, reduction, _find_all(listed, folder, names, wanted))
             if found.count > best.count:
@@ -96,8 +95,8 @@ def image_folders(roots: Sequence[Path]) -> Iterator[tuple[Path, int]]:
         yield from sorted(((path, int(match[1])) for match, path in found if match), key=lambda place: place[1])
 
 
-def _folders_above(scene: Path) -> Iterator[tuple[Path, int]]:
-    for parent in scene.resolve().parents[:_LEVELS_ABOVE]:
+def _folders_above(folder: Path) -> Iterator[tuple[Path, int]]:
+    for parent in folder.resolve().parents[:_LEVELS_ABOVE]:
         yield parent, 1
         yield parent / "images", 1
 

@@ -105,7 +105,9 @@ def _masks(path: Path, frames: list[Any], images: MatchedImages) -> list[Path | 
     That of reduced photographs is taken (`masks_2`) if there is only that one.
     """
     names = [_name(frame, "mask_path") for frame in frames]
-    found = match_images(path, names, [path.parent]).paths if any(names) else [path] * len(names)
+    if not any(names):
+        return [None] * len(names)
+    found = match_images(path, names, [path.parent]).paths
     masks = list[Path | None]()
     for name, mask in zip(names, found, strict=True):
         named = path.parent / name.replace("\\", "/") if mask in images.paths else mask

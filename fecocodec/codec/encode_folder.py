@@ -153,17 +153,18 @@ def encode_folder(
         if checks is None or len(checks.names) == 1:
             left_out = left_out_quality(receiver, data, views)
         are_estimated = source.save_cameras is not None
-        worst = worst_view_warnings(quality[-1], views.names, are_estimated)
+        worst = worst_view_warnings(quality[-1], views.names, are_estimated=are_estimated)
         if checks is not None and of_checks is not None:
             is_any_left = guides is not None or len(roles.unused) > 0
             count = len(views.names)
             messages.warn(
-                *new_view_warnings(of_checks, checks.names, count, is_any_left, effort, are_estimated), *worst
+                *new_view_warnings(of_checks, checks.names, count, is_any_left, effort, are_estimated=are_estimated),
+                *worst,
             )
         else:
-            poor = quality_warnings(quality[-1], views.names, effort, are_estimated)
+            poor = quality_warnings(quality[-1], views.names, effort, are_estimated=are_estimated)
             if not poor and left_out is not None and is_shipped(read_header(data).header.model_id):
-                poor = left_out_warnings(left_out, views.names, are_estimated)
+                poor = left_out_warnings(left_out, views.names, are_estimated=are_estimated)
             messages.warn(*(poor or worst))
     name_of = distinct_names([photograph.path for photograph in scene.photographs])
     return EncodingReport(

@@ -30,7 +30,7 @@ def symbol_digest(batches: Iterable[Int[np.ndarray, "..."]]) -> bytes:
 
     Symbols that are not coded, because they are 0 by rule, are included.
     """
-    digest = hashlib.blake2b(digest_size=8)
+    digest = hashlib.blake2b(digest_size=8)  # as the header holds
     for batch in batches:
         digest.update(np.ascontiguousarray(batch, dtype="<i4").tobytes())
     return digest.digest()

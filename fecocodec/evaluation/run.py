@@ -12,7 +12,7 @@ from torch import Tensor
 
 from fecocodec.captures.evaluation_index import IndexEntry
 from fecocodec.errors import FecoError
-from fecocodec.evaluation.extras import require_extra
+from fecocodec.evaluation.extras import require_extra, require_packages
 from fecocodec.evaluation.machine import forget_peak, peak_mib
 from fecocodec.evaluation.novel_views import EntryReader, open_scenes, without_guides
 from fecocodec.evaluation.records import Key, Measurement, RecordFile
@@ -111,8 +111,10 @@ def measure_all(
 def evaluate(system: System, root: Path, entries: Sequence[IndexEntry], size: tuple[int, int]) -> Iterator[Measurement]:
     """Yield the measurement of each entry. root: folder of scenes. size: (height, width) in pixels.
 
-    Raises FecoError for an entry that cannot be measured.
+    Raises InputError, before the first entry, if a package of the `eval` extra is missing, and FecoError for an entry
+    that cannot be measured.
     """
+    require_packages(())
     read = open_scenes(root, size)
     for entry in entries:
         yield measure((entry.name, system.name, system.setting, "", ""), entry, system, read(entry))

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 CONDITION_CHANNELS = 64
-Maps = Float[Tensor, "item channel h w"]
+FeatureMaps = Float[Tensor, "item channel h w"]
 _ARE_GRADIENTS_DIRECT = ContextVar("are_gradients_direct", default=False)
 
 
@@ -71,7 +71,7 @@ class RateEmbedding(nn.Module):
 class ChannelNorm(nn.Module):
     """Layer normalisation over the channels of each position of a map, without affine part."""
 
-    def forward(self, x: Maps) -> Maps:
+    def forward(self, x: FeatureMaps) -> FeatureMaps:
         channels_last = x.permute(0, 2, 3, 1)
         return F.layer_norm(channels_last, channels_last.shape[-1:]).permute(0, 3, 1, 2)
 
@@ -86,7 +86,7 @@ class AdaptiveNorm(nn.Module):
         nn.init.normal_(self.modulation.weight, std=0.01)
         nn.init.zeros_(self.modulation.bias)
 
-    def forward(self, x: Maps, condition: RateCondition) -> Maps:
+    def forward(self, x: FeatureMaps, condition: RateCondition) -> FeatureMaps:
         gamma, beta = self.modulation(condition.embedding)[:, :, None, None].chunk(2, dim=1)
         return torch.addcmul(beta, self.norm(x), 1.0 + gamma)
 
@@ -109,7 +109,7 @@ class PointwiseConv2d(nn.Conv2d):
     def __init__(self, in_channels: int, out_channels: int) -> None:
         super().__init__(in_channels, out_channels, 1)
 
-    def forward(self, x: Float[Tensor, "item input h w"]) -> Maps:
+    def forward(self, x: Float[Tensor, "item input h w"]) -> FeatureMaps:
         return pointwise(x, self.weight, self.bias)
 
 
@@ -117,7 +117,7 @@ def pointwise(
     x: Float[Tensor, "item input h w"],
     weight: Float[Tensor, "channel input 1 1"],
     bias: Float[Tensor, " channel"] | None = None,
-) -> Maps:
+) -> FeatureMaps:
     """Return the 1x1 convolution of x as a matrix product.
 
     The 1x1 convolutions of oneDNN sum in an order that depends on the number of threads; matrix products of these sizes
@@ -143,7 +143,7 @@ class Block2d(nn.Module):
         self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
         self.pointwise = PointwiseConv2d(hidden, channels)
 
-    def forward(self, x: Maps, condition: RateCondition) -> Maps:
+    def forward(self, x: FeatureMaps, condition: RateCondition) -> FeatureMaps:
         with residual_branch() if self.is_residual_branch else nullcontext():
             added = self.pointwise(F.gelu(self.spatial(self.norm(x, condition)), approximate="tanh"))
         return added + x
@@ -158,7 +158,7 @@ class PlainBlock2d(nn.Module):
         self.spatial = nn.Conv2d(channels, hidden, 3, padding=1)
         self.pointwise = PointwiseConv2d(hidden, channels)
 
-    def forward(self, x: Maps) -> Maps:
+    def forward(self, x: FeatureMaps) -> FeatureMaps:
         return self.pointwise(F.gelu(self.spatial(self.norm(x)), approximate="tanh")).add_(x)
 
 
@@ -168,7 +168,7 @@ class BlockChain(nn.ModuleList):
     def __init__(self, channels: int, hidden: int, depth: int) -> None:
         super().__init__(Block2d(channels, hidden) for _ in range(depth))
 
-    def forward(self, x: Maps, condition: RateCondition) -> Maps:
+    def forward(self, x: FeatureMaps, condition: RateCondition) -> FeatureMaps:
         for block in self:
             x = block(x, condition)
         return x

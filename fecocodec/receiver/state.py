@@ -10,7 +10,7 @@ from fecocodec.config import ReceiverConfig
 from fecocodec.layers.blocks import Block2d, PointwiseConv2d, RateCondition, pointwise
 
 Features = Float[Tensor, "item channel h4 w4"]  # item = (batch view)
-Latents = Float[Tensor, "item latent h8 w8"]
+Latents = Float[Tensor, "item latent h8 w8"]  # decoded, y_hat
 
 
 @dataclass(frozen=True)

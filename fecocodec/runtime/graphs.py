@@ -149,9 +149,10 @@ def run_by_views(
         parts = graphs.run(name, **inputs_of(group))
         per_view = [part.shape[axis] // (group.stop - group.start) for part in parts]
         with making:
-            for part, count in zip(parts, per_view, strict=True) if not outputs else ():
-                shape = (*part.shape[:axis], count * grid[0], *part.shape[axis + 1 :])
-                outputs.append(np.empty(shape, part.dtype))
+            if not outputs:
+                for part, count in zip(parts, per_view, strict=True):
+                    shape = (*part.shape[:axis], count * grid[0], *part.shape[axis + 1 :])
+                    outputs.append(np.empty(shape, part.dtype))
         for whole, part, count in zip(outputs, parts, per_view, strict=True):
             whole[*before, group.start * count : group.stop * count] = part
 

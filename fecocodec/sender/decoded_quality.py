@@ -78,7 +78,8 @@ def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQu
     """Decode a stream without the Gaussians of one view after another, and return the quality of these views.
 
     At most MAX_LEFT_OUT views are measured. Pixels count where the Gaussians of the other views are nearly opaque, so
-    what the background layer fills does not. None if no view shows what another one does.
+    what the background layer fills does not. None if no view shows what another one does. data, views: as for
+    `measure_decoded`. Raises BitstreamError for an invalid stream.
     """
     predicted = predict_with(receiver, data)
     stream, emission = predicted.stream, emission_of(background=None)
@@ -106,7 +107,8 @@ def left_out_quality(receiver: Receiver, data: bytes, views: Views) -> LeftOutQu
 def decoded_quality(receiver: Receiver, data: bytes, views: Views, cameras: Cameras | None = None) -> DecodedQuality:
     """Decode with a loaded receiver, and return the quality of the context views, or of others.
 
-    cameras: of photographs that are not in the stream; None for those of the stream.
+    cameras: of photographs that are not in the stream; None for those of the stream. Transparent photographs are white
+    where they are transparent, and so is the background of their renderings.
     """
     decoded = decode_with(receiver, data)
     return _quality(decoded.gaussians, cameras or decoded.cameras, views)

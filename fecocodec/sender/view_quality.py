@@ -58,7 +58,7 @@ class LeftOutQuality:
         return fmean(self.psnr_of_view.values())
 
 
-def left_out_warnings(quality: LeftOutQuality, names: Sequence[str], are_estimated: bool = False) -> tuple[str, ...]:
+def left_out_warnings(quality: LeftOutQuality, names: Sequence[str], *, are_estimated: bool = False) -> tuple[str, ...]:
     """Return one sentence if the coded views do not predict each other, or all but one do.
 
     names: of the views. are_estimated: whether their cameras were not given.
@@ -81,7 +81,7 @@ def left_out_warnings(quality: LeftOutQuality, names: Sequence[str], are_estimat
 
 
 def quality_warnings(
-    quality: DecodedQuality, names: tuple[str, ...], effort: str = "default", are_estimated: bool = False
+    quality: DecodedQuality, names: tuple[str, ...], effort: str = "default", *, are_estimated: bool = False
 ) -> tuple[str, ...]:
     """Return one sentence if the decoded context views are poor, with what helps.
 
@@ -102,7 +102,9 @@ def quality_warnings(
     return (f"{found}; {_either([*_other_effort(effort), *closer, _on_cameras(are_estimated)])}.",)
 
 
-def worst_view_warnings(quality: DecodedQuality, names: Sequence[str], are_estimated: bool = False) -> tuple[str, ...]:
+def worst_view_warnings(
+    quality: DecodedQuality, names: Sequence[str], *, are_estimated: bool = False
+) -> tuple[str, ...]:
     """Return one sentence if the worst decoded context view is poor and far worse than the others.
 
     quality: after the last stage. Other arguments as for `left_out_warnings`.
@@ -123,6 +125,7 @@ def new_view_warnings(
     num_coded: int,
     is_any_left: bool,
     effort: str = "default",
+    *,
     are_estimated: bool = False,
 ) -> tuple[str, ...]:
     """Return one sentence if new views are poor, with what helps.

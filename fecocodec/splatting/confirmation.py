@@ -8,7 +8,7 @@ from torch import Tensor
 
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.splatting.sampling import PerGaussian, Points, other_views, project, sample_at
+from fecocodec.splatting.sampling import Colours, PerGaussian, Points, other_views, project, sample_at
 
 Surfaces = Float[Tensor, "view 4 h4 w4"]  # sRGB colour and inverse depth, see `free_space.surfaces_of`
 
@@ -29,7 +29,7 @@ class Comparison:
 
 
 def compare(
-    points: Points, colour: Points, surfaces: Float[Tensor, "view channel h4 w4"], cameras: Cameras
+    points: Points, colour: Colours, surfaces: Float[Tensor, "view channel h4 w4"], cameras: Cameras
 ) -> Comparison:
     """Compare the Gaussians of each view with the surface of another view.
 
@@ -42,7 +42,7 @@ def compare(
 
 
 def confirmation(
-    points: Points, colour: Points, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
+    points: Points, colour: Colours, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
 ) -> PerGaussian:
     """Return the confirmation of each Gaussian of one scene by other views, in [0, 1]; zero for fewer than three views.
 
@@ -56,7 +56,7 @@ def confirmation(
 
 
 def confirmation_by(
-    points: Points, colour: Points, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
+    points: Points, colour: Colours, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
 ) -> PerGaussian:
     """Return the confirmation of each Gaussian by another view. surfaces, cameras: of the other views."""
     seen = compare(points, colour, surfaces, cameras)

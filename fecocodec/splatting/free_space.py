@@ -19,7 +19,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.splatting.confirmation import Surfaces, compare, confirmation
-from fecocodec.splatting.sampling import PerGaussian, Points, other_views, project
+from fecocodec.splatting.sampling import Colours, PerGaussian, Points, other_views, project
 
 POOLED = 2  # side of the blocks of Gaussians that are averaged to a view's surface
 
@@ -57,7 +57,7 @@ def surfaces_of(
 
 
 def _violation(
-    points: Points, colour: Points, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
+    points: Points, colour: Colours, surfaces: Surfaces, cameras: Cameras, config: ReceiverConfig
 ) -> PerGaussian:
     """Return the strongest violation of each Gaussian of one scene. With two views, the near bound does not count."""
     confirmed = confirmation(points, colour, surfaces, cameras, config)
@@ -78,7 +78,7 @@ def with_confirmation(surfaces: Surfaces, confirmed: PerGaussian) -> Float[Tenso
 
 def violation_by(
     points: Points,
-    colour: Points,
+    colour: Colours,
     confirmed: PerGaussian,
     share: Float[Tensor, " view"],
     surfaces: Float[Tensor, "view 5 h4 w4"],

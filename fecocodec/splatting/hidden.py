@@ -25,9 +25,9 @@ def is_hidden(
     normalised image units, ascending; the image is [0, 1].
     """
     means, axes = gaussians.means.T.contiguous(), standard_deviations(gaussians)
-    hidden = torch.ones_like(gaussians.opacities, dtype=torch.bool)
+    hidden, bounds = torch.ones_like(gaussians.opacities, dtype=torch.bool), bounds_of(centres)
     for of_view in zip(extended, cameras.world_to_camera, cameras.intrinsics, strict=True):
-        hidden = hidden & is_hidden_from(means, axes, bounds_of(centres), *of_view)
+        hidden = hidden & is_hidden_from(means, axes, bounds, *of_view)
     return hidden
 
 

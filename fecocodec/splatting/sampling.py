@@ -12,7 +12,9 @@ from torch import Tensor
 
 from fecocodec.geometry.cameras import Cameras
 
-Points = Float[Tensor, "view 3 h w"]  # positions in the frame of the cameras, or sRGB colours, one a Gaussian
+# One a Gaussian; h and w are twice those of surfaces (h4, w4) where cells have four.
+Points = Float[Tensor, "view 3 h w"]  # in the frame of the cameras
+Colours = Float[Tensor, "view 3 h w"]  # sRGB
 PerGaussian = Float[Tensor, "view h w"]
 
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from fecocodec.config import ReceiverConfig
 from fecocodec.geometry.cameras import Cameras
 from fecocodec.geometry.gaussians import SH_DEGREE_0, SH_DEGREE_1, Gaussians
-from fecocodec.splatting.sampling import SMALLEST_DEPTH, Points, other_views, project, sample_at
+from fecocodec.splatting.sampling import SMALLEST_DEPTH, Colours, Points, other_views, project, sample_at
 
 
 class NormalEquations(NamedTuple):
@@ -50,7 +50,7 @@ def view_dependent(gaussians: Gaussians, cameras: Cameras, grid: tuple[int, int]
     return replace(gaussians, harmonics=harmonics_of(equations, points, own, cameras, config))
 
 
-def surfaces_of(points: Points, own: Points, cameras: Cameras) -> Float[Tensor, "view 4 h w"]:
+def surfaces_of(points: Points, own: Colours, cameras: Cameras) -> Float[Tensor, "view 4 h w"]:
     """Return colour and inverse depth of each Gaussian in its own view. own: sRGB colours."""
     forward, centres = cameras.extrinsics[:, :3, 2], cameras.extrinsics[:, :3, 3]
     depth = ((points - centres[..., None, None]) * forward[..., None, None]).sum(dim=1)
@@ -60,7 +60,7 @@ def surfaces_of(points: Points, own: Points, cameras: Cameras) -> Float[Tensor, 
 def with_view(
     equations: NormalEquations,
     points: Points,
-    own: Points,
+    own: Colours,
     cameras: Cameras,
     surfaces: Float[Tensor, "view 4 h w"],
     judges: Cameras,
@@ -79,7 +79,7 @@ def with_view(
 
 
 def harmonics_of(
-    equations: NormalEquations, points: Points, own: Points, cameras: Cameras, config: ReceiverConfig
+    equations: NormalEquations, points: Points, own: Colours, cameras: Cameras, config: ReceiverConfig
 ) -> Float[Tensor, "n 4 3"]:
     """Return the harmonics of Gaussians, ordered (view, row, column), whose slopes solve the normal equations."""
     direction = _directions(points, cameras.extrinsics[:, :3, 3])

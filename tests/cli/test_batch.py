@@ -49,7 +49,7 @@ def test_files_equal_those_of_encode_and_decode(fecosplat, networks, scenes: Pat
 def test_a_batch_is_as_strict_as_encode(fecosplat, networks, scenes, output, monkeypatch) -> None:
     """Nothing but the decoded quality is wrong here; a batch once did not measure it."""
     for name in ("quality_warnings", "left_out_warnings"):
-        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments: ())
+        monkeypatch.setattr(f"fecocodec.codec.encode_folder.{name}", lambda *_arguments, **_options: ())
     monkeypatch.setattr("fecocodec.sender.encode.overlap_warnings", lambda *_arguments: ())
     strict = (*FAST, "--guides", "none", "--strict")
     assert fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict).code == 0
@@ -57,7 +57,9 @@ def test_a_batch_is_as_strict_as_encode(fecosplat, networks, scenes, output, mon
     assert fecosplat(*batch).code == 0 and fecosplat(*batch[:-1], "--overwrite").code == 0
     assert (output / "wall.fcs").read_bytes() == (output / "single.fcs").read_bytes()  # --strict changes no byte
     sentence = "the decoded views are poor"
-    monkeypatch.setattr("fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments: (f"{sentence}.",))
+    monkeypatch.setattr(
+        "fecocodec.codec.encode_folder.quality_warnings", lambda *_arguments, **_options: (f"{sentence}.",)
+    )
     refused = fecosplat("encode", scenes / "wall", "-o", output / "single.fcs", *strict, "--overwrite")
     assert fecosplat(*batch).code == refused.code == 1  # what was encoded without --strict does not count
     error = f"{scenes / 'wall'}: {sentence} (--strict makes this warning an error)."

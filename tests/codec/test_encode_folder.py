@@ -90,7 +90,7 @@ def test_a_second_stage_that_does_harm_is_left_out(folder: Path, options: Encodi
 def test_poor_new_views_are_foretold_for_shipped_models_alone(folder, options, monkeypatch) -> None:
     """The threshold was measured with their networks."""
     module = "fecocodec.codec.encode_folder"
-    monkeypatch.setattr(f"{module}.quality_warnings", lambda *_arguments: ())
+    monkeypatch.setattr(f"{module}.quality_warnings", lambda *_arguments, **_options: ())
     monkeypatch.setattr("fecocodec.sender.view_quality.LEAST_LEFT_OUT_PSNR", 100.0)
     one_stage = replace(options, num_stages=1)
     assert not any("new views will be poor" in sentence for sentence in encode_folder(folder, one_stage).warnings)
@@ -215,7 +215,7 @@ def copied(folder: Path, target: Path, changed: str, content: bytes | None = Non
 
 def test_the_others_guide_and_one_is_only_measured(seven, shipped, monkeypatch) -> None:
     module, sentence = "fecocodec.codec.encode_folder", "1.png is decoded far worse than the other views."
-    monkeypatch.setattr(f"{module}.worst_view_warnings", lambda *_arguments: (sentence,))
+    monkeypatch.setattr(f"{module}.worst_view_warnings", lambda *_arguments, **_options: (sentence,))
     named = replace(shipped, views=(0, 1, 2))
     report = encode_folder(seven, named)
     assert sentence in report.warnings

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.layers.blocks import Maps
+from fecocodec.layers.blocks import FeatureMaps
 from fecocodec.sender.extractors.depthsplat_small.backbone import MIDDLE, OUTPUT, STEM, resized
 
 VIT_CHANNELS, FINE_CHANNELS = 768, 64  # of the ViT; of multi-view features at the finer scale
@@ -20,7 +20,7 @@ class ResidualUnit(nn.Module):
         super().__init__()
         self.conv1, self.conv2 = (nn.Conv2d(channels, channels, 3, padding=1) for _ in range(2))
 
-    def forward(self, x: Maps) -> Maps:
+    def forward(self, x: FeatureMaps) -> FeatureMaps:
         return x + self.conv2(F.relu(self.conv1(F.relu(x))))
 
 
@@ -33,7 +33,7 @@ class Refinement(nn.Module):
             self.resConfUnit1 = ResidualUnit(channels)
         self.resConfUnit2, self.out_conv = ResidualUnit(channels), nn.Conv2d(channels, channels, 1)
 
-    def forward(self, x: Maps, finer: Tensor | None, size: tuple[int, int]) -> Float[Tensor, "item channel _ _"]:
+    def forward(self, x: FeatureMaps, finer: Tensor | None, size: tuple[int, int]) -> Float[Tensor, "item channel _ _"]:
         x = x if finer is None else x + self.resConfUnit1(finer)
         return resized(self.out_conv(self.resConfUnit2(x)), size)
 
@@ -71,10 +71,10 @@ class DptHead(nn.Module):
         appearance: tuple[Tensor, Tensor, Tensor],
         multi_view: tuple[Tensor, Tensor],
         depth: tuple[Float[Tensor, "item 1 _ _"], ...] = (),
-    ) -> Maps:
+    ) -> FeatureMaps:
         """Return the features, or the correction of the inverse depth `depth`, at full resolution.
 
-        Other arguments: see `Maps`. The order of what is joined is the public network's.
+        Other arguments: see `extractor.Maps`. The order of what is joined is the public network's.
         """
         maps = [self.resize_layers[i](self.projects[i](x)) for i, x in enumerate(monocular)]
         first, second, third = appearance

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from fecocodec.errors import InputError, ModelError
 from fecocodec.geometry.cameras import Cameras
-from fecocodec.layers.blocks import Maps, RateCondition
+from fecocodec.layers.blocks import FeatureMaps, RateCondition
 from fecocodec.sender.extractors.cross_view_consistency import cross_view_consistency
 from fecocodec.sender.extractors.depthsplat_small.backbone import Backbone, monocular_features
 from fecocodec.sender.extractors.depthsplat_small.cost_volume import (
@@ -65,7 +65,7 @@ class Fusion(nn.ModuleDict):
             }
         )
 
-    def forward(self, x: Float[Tensor, "item _ h w"], num_views: int) -> Maps:
+    def forward(self, x: Float[Tensor, "item _ h w"], num_views: int) -> FeatureMaps:
         """item = (batch view)."""
         return self["4"](self["3"](F.gelu(self["1"](self["0"](x))), num_views))
 
@@ -172,11 +172,11 @@ def require_whole(images: Images, multiple: int) -> None:
         raise InputError(f"images of {images.shape[-1]}x{images.shape[-2]} pixels: pad to multiples of {multiple}.")
 
 
-def by_view(x: Maps, views: int) -> ByView:
+def by_view(x: FeatureMaps, views: int) -> ByView:
     """Undo `flat`. views: number of views of a scene."""
     return rearrange(x, "(b v) c h w -> b v c h w", v=views)
 
 
-def flat(x: ByView) -> Maps:
+def flat(x: ByView) -> FeatureMaps:
     """Return the views of all scenes in a row: item = (batch view)."""
     return rearrange(x, "b v c h w -> (b v) c h w")

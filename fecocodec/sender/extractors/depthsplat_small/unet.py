@@ -10,7 +10,7 @@ from einops import rearrange
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from fecocodec.layers.blocks import Maps
+from fecocodec.layers.blocks import FeatureMaps
 
 CHANNELS, NUM_LEVELS = 128, 3  # at 1/4 resolution
 _NUM_GROUPS, _HEAD_CHANNELS = 8, 32
@@ -25,7 +25,7 @@ class ResBlock(nn.Module):
         self.out_layers = nn.Sequential(_norm(channels), nn.SiLU(), nn.Identity(), _zero(_conv3(channels, channels)))
         self.skip_connection = nn.Identity() if in_channels == channels else nn.Conv2d(in_channels, channels, 1)
 
-    def forward(self, x: Float[Tensor, "item _ h w"]) -> Maps:
+    def forward(self, x: Float[Tensor, "item _ h w"]) -> FeatureMaps:
         return self.skip_connection(x) + self.out_layers(self.in_layers(x))
 
 
@@ -38,7 +38,7 @@ class CrossViewAttention(nn.Module):
         self.qkv = nn.Conv1d(channels, 3 * channels, 1)
         self.proj_out = _zero(nn.Conv1d(channels, channels, 1))
 
-    def forward(self, x: Maps, num_views: int) -> Maps:
+    def forward(self, x: FeatureMaps, num_views: int) -> FeatureMaps:
         h = x.shape[-2]
         qkv = self.qkv(self.norm(x).flatten(2))
         query, key, value = rearrange(
@@ -56,7 +56,7 @@ class Downsample(nn.Module):
         super().__init__()
         self.op = nn.Conv2d(channels, channels, 3, stride=2, padding=1)
 
-    def forward(self, x: Maps) -> Float[Tensor, "item channel h2 w2"]:
+    def forward(self, x: FeatureMaps) -> Float[Tensor, "item channel h2 w2"]:
         return self.op(x)
 
 
@@ -67,7 +67,7 @@ class Upsample(nn.Module):
         super().__init__()
         self.conv = _conv3(channels, channels)
 
-    def forward(self, x: Maps) -> Float[Tensor, "item channel h2 w2"]:
+    def forward(self, x: FeatureMaps) -> Float[Tensor, "item channel h2 w2"]:
         return self.conv(F.interpolate(x, scale_factor=2, mode="nearest"))
 
 
@@ -102,7 +102,7 @@ class CrossViewUNet(nn.Module):
         self.output_blocks = _stages(*up)
         self.out = nn.Sequential(_norm(channels), nn.SiLU(), _zero(_conv3(channels, channels)))
 
-    def forward(self, x: Maps, num_views: int) -> Maps:
+    def forward(self, x: FeatureMaps, num_views: int) -> FeatureMaps:
         """item = (batch view); sides multiples of 2 to the power of (levels - 1)."""
         skips: list[Tensor] = []
         for stage in self.input_blocks:
