@@ -1,6 +1,7 @@
 """Cheap errors come before any large library is loaded; input that cannot be read exits with 1, wrong usage with 2."""
 
 import json
+import os
 import subprocess
 import sys
 from functools import partial
@@ -17,7 +18,13 @@ from fecocodec.splat_files import html_page
 # Runs many command lines, one after the other, and prints code, standard output and standard error of each as JSON.
 NO_TORCH = """
 import contextlib, io, json, sys
-sys.modules["torch"] = sys.modules["onnxruntime"] = None  # importing them fails
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("torch", "onnxruntime"):
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Blocked())
 from fecosplat_cli.main import run
 
 def result(arguments):
@@ -100,7 +107,8 @@ def answers(tmp_path_factory: pytest.TempPathFactory, stream_bytes: bytes) -> di
         (tmp_path / "posed" / str(frame["file_path"])).write_text(str(frame["file_path"]))  # no copies of each other
     given = json.dumps([arguments for arguments, _ in EARLY])
     command = [sys.executable, "-c", NO_TORCH]
-    result = subprocess.run(command, input=given, capture_output=True, text=True, cwd=tmp_path)
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}  # notes on cameras above photographs end there
+    result = subprocess.run(command, input=given, capture_output=True, text=True, cwd=tmp_path, env=environment)
     assert result.returncode == 0, result.stderr
     return dict(zip((arguments for arguments, _ in EARLY), json.loads(result.stdout), strict=True))
 
