@@ -110,11 +110,12 @@ def test_full_disk_behind_standard_output(stream_file: Path, options: tuple[str,
     assert result.returncode == 1
 
 
-def test_a_reader_that_goes_away_is_no_success() -> None:
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_reader_that_goes_away_is_no_success(unbuffered: str) -> None:
     """Without Python's buffer, a write to a pipe ends early and without an error when the reader closes it."""
     file = VECTORS / "valid" / "scene-compact-6.fcs"
     command = [sys.executable, "-m", "fecosplat_cli", "decode", str(file), "-o", "-"]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as child:
         assert child.stdout is not None and child.stderr is not None
         child.stdout.read(100)
