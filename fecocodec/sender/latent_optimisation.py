@@ -74,14 +74,16 @@ def optimiser(
     of_picture = partial(config.distortion, ssim_stride=SSIM_STRIDE)
 
     def optimise(y: Tensor, features: Tensor, inputs: StageInputs, progress: Progress) -> Tensor:
-        steps, num_evaluated, held = num_steps[inputs.is_last], 0, None
+        steps = num_steps[inputs.is_last]
         if steps == 0:
             return y
         price = price_of_rate(int(inputs.lambda_q[0])) / encoder.num_pixels
         references = References.of(encoder).taught(inputs.stage)  # the same in all steps, whose objectives are compared
-        photographs = references.pictures
+        photographs, held = references.pictures, None
         if steps > MAX_STEPS_UNHELD and encoder.guides is None:
             held = hold_views_between(encoder, gaussians_of(encoder, inputs, estimate(y, inputs).y_hat))
+
+        num_evaluated = 0
 
         def evaluate(y: Tensor) -> Objective:
             nonlocal num_evaluated
