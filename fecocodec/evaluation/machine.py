@@ -37,19 +37,18 @@ def _processor() -> str:
 _PROCESS = Path("/proc/self")
 
 
-def return_freed_memory() -> None:
-    """Return freed heap memory to the operating system, so that it does not count in the next peak (glibc only)."""
+def forget_peak(device: str = "cpu") -> None:
+    """Reset the peak to the memory in use now. No effect on systems without this counter. device: "cpu" or "cuda:N".
+
+    Freed heap memory goes back to the operating system first (glibc only), or the next peak would contain it.
+    """
+    if device != "cpu":
+        torch.cuda.reset_peak_memory_stats(device)
+        return
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
-
-
-def forget_peak(device: str = "cpu") -> None:
-    """Reset the peak to the current memory. No effect on systems without this counter. device: "cpu" or "cuda:N"."""
-    if device != "cpu":
-        torch.cuda.reset_peak_memory_stats(device)
-        return
     with suppress(OSError):
         (_PROCESS / "clear_refs").write_text("5")
 

@@ -5,6 +5,7 @@ The seconds between messages of progress belong to the message that began them.
 
 import json
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from PIL import Image
 
 from fecocodec.errors import InputError
 from fecocodec.evaluation import machine
-from fecocodec.evaluation.machine import StepClock
+from fecocodec.evaluation.machine import StepClock, forget_peak, peak_mib
 from fecocodec.evaluation.records import Measurement
 from fecocodec.evaluation.report import make
 from fecocodec.evaluation.report.complexity_section import Need
@@ -163,6 +164,18 @@ def test_seconds_of_a_step_that_comes_again_add_up(monkeypatch: pytest.MonkeyPat
         clock(task, 0.0)
     clock.close()
     assert clock.seconds == {"start": 1.0, "matching": 2.0 + 4.0, "coding": 3.0}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="malloc of glibc")
+def test_the_peak_of_one_measurement_is_without_what_an_earlier_one_freed() -> None:
+    blocks = [bytes([number % 7 + 1]) * 100_000 for number in range(2000)]  # on the heap, which keeps what is below
+    last = blocks.pop()  # this one
+    forget_peak()
+    of_blocks = peak_mib()
+    blocks.clear()
+    forget_peak()
+    freed = peak_mib()
+    assert len(last) and of_blocks and freed and freed < of_blocks - 150
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from fecocodec.container import quantise_lambda
-from fecocodec.evaluation.machine import forget_peak, peak_mib, return_freed_memory
+from fecocodec.evaluation.machine import forget_peak, peak_mib
 from fecocodec.evaluation.report.section import Chart, Mark, Section, Series, number, picture, table
 from fecocodec.evaluation.stress.box_room import Room, along_a_line, painted, photograph
 from fecocodec.receiver.decode import decode_with
@@ -37,7 +37,6 @@ def measure_load(codec: Codec, num_views: int, side: int) -> Load:
     poses = along_a_line(num_views)[:num_views]
     views = photograph(Room(painted), poses, (side, side))
     lambda_q, pixels = quantise_lambda(LAMBDA), num_views * side * side
-    return_freed_memory()  # of a previous, larger measurement
     forget_peak()
     encode_seconds, decode_seconds = [], []
     for _ in range(REPEATS if pixels < REPEAT_BELOW else 1):
