@@ -1,6 +1,6 @@
 """The compact multi-view extractor E_mv: posed photographs -> geometry-aware features at 1/4 resolution."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
@@ -47,10 +47,6 @@ class MatchedMaps(MatchedDepth):
         """Return the same with these pixels at the far bound, extrapolated ones, too."""
         disparity, extrapolated = self.relative_disparity * ~is_far, self.extrapolated * ~is_far
         return replace(self, relative_disparity=disparity, extrapolated=extrapolated)
-
-    def first(self, count: int) -> "MatchedMaps":
-        """Return the maps of the first `count` items."""
-        return MatchedMaps(*(getattr(self, entry.name)[:count] for entry in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -140,7 +136,7 @@ class CompactExtractor(nn.Module):
         of_all = torch.cat((images, guides.images[None]), dim=1), cameras.joined(guides.cameras.as_batch())
         sources = source_views(of_all[1], num_sources)
         kept = _kept(joined_masks([(ignored, images[0]), (guides.ignored, guides.images)]))
-        return self._aggregated(self._scores(*of_all, sources, kept)[1], *of_all, sources, kept).first(count)
+        return self._aggregated(self._scores(*of_all, sources, kept)[1], *of_all, sources, kept, count)
 
     def _scores(
         self,
@@ -168,17 +164,20 @@ class CompactExtractor(nn.Module):
         cameras: Cameras,
         sources: Int[Tensor, "batch view count"],
         kept: Float[Tensor, "view 1 _ _"] | None,
+        count: int | None = None,
     ) -> MatchedMaps:
+        """Return the maps of the first `count` items; None for all."""
         photographs = _flat(images)
         probability = (SHARPNESS * aggregate_costs(cost.detach(), F.avg_pool2d(photographs, FEATURES))).softmax(dim=1)
         disparity = _expectation(probability)
         of_views = rearrange(disparity, "(b v) 1 h w -> b v h w", b=len(images))
         known = None if kept is None else _reduced(kept, disparity)
         of_known = None if known is None else known[None, :, 0]
-        consistency = _flat(cross_view_consistency(of_views, cameras, sources, of_known)[:, :, None])
-        extrapolated = extrapolate_planes(disparity, consistency, photographs)
-        confidence = probability.amax(dim=1, keepdim=True)
-        return MatchedMaps(disparity, consistency, confidence if known is None else confidence * known, extrapolated)
+        consistency = _flat(cross_view_consistency(of_views, cameras, sources, of_known)[:, :, None])[:count]
+        extrapolated = extrapolate_planes(disparity[:count], consistency, photographs[:count])
+        confidence = probability[:count].amax(dim=1, keepdim=True)
+        confidence = confidence if known is None else confidence * known[:count]
+        return MatchedMaps(disparity[:count], consistency, confidence, extrapolated)
 
     def _match_level(
         self,
