@@ -260,7 +260,7 @@ def test_a_broken_guide_is_left_out_unless_it_is_named(seven: Path, shipped: Enc
     sentence = "3.png is left out: the image is damaged, cut short or"
     assert report.guides.names == ("2.png", "4.png", "5.png", "6.png")
     assert any(warning.startswith(sentence) for warning in report.warnings)
-    with pytest.raises(BitstreamError, match="the file ends after 0 bytes"):  # it is measured: others take its place
+    with pytest.raises(BitstreamError, match="the file ends after 0 bytes"):  # the fixture's file: the guide was a note
         encode_folder(broken, replace(named, is_strict=True))
     assert len(encode_folder(broken, replace(named, guides=Spread(5))).guides.names) == 4  # a count names none
     assert len(encode_folder(seven, replace(named, guides=Spread(2))).guides.names) == 2
