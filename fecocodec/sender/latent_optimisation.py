@@ -18,7 +18,7 @@ from fecocodec.geometry.gaussians import Gaussians
 from fecocodec.layers.blocks import RateCondition, direct_gradients
 from fecocodec.progress import Progress
 from fecocodec.rendering.rasterizer import render
-from fecocodec.sender.lambda_roles import price_of_rate
+from fecocodec.sender.lambda_roles import MANY_VIEWS, price_of_rate
 from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.references import Pictures, References
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -30,6 +30,9 @@ Latent = Float[Tensor, "view latent h8 w8"]
 STEP_SIZE, STEP_SIZE_UNSCALED = 0.12, 0.055
 # With more steps, changes of renderings between the context views are penalised: many steps overfit the context views.
 MAX_STEPS_UNHELD, HELD_WEIGHT = 8, 0.5
+# RMS of a step at one position, from four views on. Where views contradict each other, gradients are many times the
+# usual, and colours turn into confetti. On 20 training captures with guides: 3.3% fewer bytes, 0.0 dB at new views.
+LONGEST_LOCAL_STEP = 2.0
 MAX_VIEWS_OF_DIRECT_GRADIENTS = 4  # with more, gradients also pass through the residual branches of the predictor
 SSIM_STRIDE = 3  # of the windows, see `metrics.ssim`
 
@@ -118,9 +121,10 @@ def proposer(
 
     features: F_k. sharpness: see `OptimisationConfig`.
     """
+    is_limited = encoder.num_views >= MANY_VIEWS
     network = encoder.codec.sender.steps
     if network is None:
-        return against_gradient
+        return lambda slope, *_others: limited(-slope.gradient) if is_limited else -slope.gradient
     if (sharp := encoder.codec.sender.sharp_steps) is not None:
         network = network.blended(sharp, sharpness)
     known = network.prepare(features, inputs.state)
@@ -129,9 +133,15 @@ def proposer(
     def propose(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
         seen = slope.gradient, slope.of_rate, y, previous, left, slope.errors
         step: Tensor = network(*seen, known, inputs.condition)
-        return step
+        return limited(step) if is_limited else step
 
     return propose
+
+
+def limited(step: Latent) -> Latent:
+    """Return the step, shortened where its RMS over the channels is above LONGEST_LOCAL_STEP."""
+    local = step.square().mean(dim=1, keepdim=True).sqrt()
+    return step * (LONGEST_LOCAL_STEP / local).clamp(max=1.0)
 
 
 def against_gradient(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:

@@ -14,7 +14,14 @@ from fecocodec.sender import latent_optimisation
 from fecocodec.sender.codec import Codec, load_codec
 from fecocodec.sender.distortion import LogDistortion, MseDistortion
 from fecocodec.sender.encode import encode, encode_with, write_stages
-from fecocodec.sender.latent_optimisation import Objective, descend, hold_views_between
+from fecocodec.sender.latent_optimisation import (
+    LONGEST_LOCAL_STEP,
+    Objective,
+    Slope,
+    descend,
+    hold_views_between,
+    proposer,
+)
 from fecocodec.sender.optimisation_config import BEST, DEFAULT, FAST, OptimisationConfig, config_of_effort
 from fecocodec.sender.scene import prepare_scene
 from fecocodec.sender.scene_encoder import SceneEncoder
@@ -127,6 +134,23 @@ def test_gradients_skip_residual_branches_where_views_are_few(
     monkeypatch.setattr(latent_optimisation, "MAX_VIEWS_OF_DIRECT_GRADIENTS", most)
     coded(encoder, DEFAULT.with_steps(2), COARSE_LAMBDA_Q, num_stages=1)
     assert has_gradient == 2 * [not is_skipped]
+
+
+@pytest.mark.parametrize(("num_views", "longest"), [(3, 50.0), (4, LONGEST_LOCAL_STEP)])
+@torch.no_grad()
+def test_no_position_goes_far_in_one_step_where_views_are_many(codec: Codec, num_views: int, longest: float) -> None:
+    scene = prepare_scene(example_views(num_views), codec.device)
+    encoder = SceneEncoder(codec, scene.images, scene.cameras)
+    inputs = encoder.inputs_of([], torch.tensor([LAMBDA_Q]), is_last=False)
+    features = encoder.features(inputs.condition)
+    y = encoder.analyse(features, inputs)
+    gradient = torch.ones_like(y)
+    gradient[:, :, 1, 1] = 50.0
+    propose, zero = proposer(encoder, features, inputs), torch.zeros_like(y)
+    step = propose(Slope(gradient, zero, torch.zeros_like(scene.images[0])), y, zero, 1.0)
+    rms = step.square().mean(dim=1).sqrt()
+    assert torch.allclose(rms[:, 1, 1], torch.tensor(longest), rtol=0.1)
+    assert torch.allclose(rms[:, 3:, 3:], torch.tensor(1.0), rtol=0.1)
 
 
 def test_views_without_neighbours_are_optimised_and_large_scenes_are_not(codec: Codec) -> None:
