@@ -117,7 +117,9 @@ def fit_two_views(matches: TwoViewMatches, starts: list[TwoViewFit]) -> list[Two
     """Return the minima of the penalised cost that are reached, best first; at least one.
 
     starts: at least one estimate. The fit starts from each, and with its rotation from directions in a hemisphere.
+    It starts from cameras that are not turned, too: those of an estimate can be turned far in error.
     """
+    starts = [*starts, matches.with_cost(np.eye(3), np.array((1.0, 0.0, 0.0)), 1.0)]
     weight = None if matches.is_focal_fixed else matches.prior * min(start.cost for start in starts)
     found = list(starts)
     for number, start in enumerate(starts):

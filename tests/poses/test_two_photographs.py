@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fecocodec.photographs.lens import Lens
 from fecocodec.poses.estimated_cameras import (
@@ -15,6 +16,7 @@ from fecocodec.poses.estimated_cameras import (
 )
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.two_photographs import reconstruct_pair
+from fecocodec.poses.two_view_fit import TwoViewMatches, fit_two_views
 from tests.poses import made_up_cameras
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 600.0
@@ -91,3 +93,21 @@ def test_exif_data_and_points_behind_a_camera_decide():
     reversed_ = replace(truth[1], camera_to_world=camera("1", -20.0, (-1.5, -0.1, -0.2)).camera_to_world)
     found, _ = estimated(truth, (truth[0], reversed_), FOCAL)
     assert angle_between(found.cameras[1].camera_to_world[:3, 3], truth[1].camera_to_world[:3, 3]) < 1
+
+
+def test_cameras_that_hardly_turn_are_found_from_a_start_that_is_turned_far():
+    """Of a wall, with a known focal length: all directions from the start's rotation end in another minimum."""
+    generator = np.random.default_rng(1)
+    wall = generator.uniform((-3, -2, 5), (3, 2, 5), (600, 3))
+    wall[:, 2] += 0.4 * wall[:, 0]
+    turn, direction = Rotation.from_euler("y", -3, degrees=True).as_matrix(), np.array((-0.99, 0.04, 0.1))
+    first, second = (
+        FOCAL * points[:, :2] / points[:, 2:] + generator.normal(0, 0.3, (600, 2))
+        for points in (wall, wall @ turn.T + 0.5 * direction)
+    )
+    is_seen = (np.abs(np.hstack((first, second))) < (320, 240, 320, 240)).all(axis=1)
+    matches = TwoViewMatches(first[is_seen][:150], second[is_seen][:150], (FOCAL, FOCAL), 0.3, is_focal_fixed=True)
+    turned = Rotation.from_euler("y", 35, degrees=True).as_matrix() @ turn
+    found = fit_two_views(matches, [matches.with_cost(turned, np.array((0.0, 0.6, 0.8)), 1.0)])[0]
+    assert rotation_angle(found.rotation.T @ turn) < 0.5
+    assert angle_between(found.direction, direction) < 1
