@@ -110,4 +110,4 @@ def test_cameras_that_hardly_turn_are_found_from_a_start_that_is_turned_far():
     turned = Rotation.from_euler("y", 35, degrees=True).as_matrix() @ turn
     found = fit_two_views(matches, [matches.with_cost(turned, np.array((0.0, 0.6, 0.8)), 1.0)])[0]
     assert rotation_angle(found.rotation.T @ turn) < 0.5
-    assert angle_between(found.direction, direction) < 1
+    assert angle_between(found.direction, direction) < 2
