@@ -3,7 +3,9 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import accumulate, pairwise
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -15,6 +17,7 @@ SPIRAL_TURNS = 2
 LEAST_RADIUS = 0.02  # of the spiral, relative to the depth of its focus
 RISE = 0.3  # height of the spiral, relative to its width
 LEAST_ORBIT_DEGREES = 5.0  # to each side, of an orbit that is not a full turn
+LEAST_CHANGE = 1e-4  # of the picture, in radians, between cameras at one position
 LARGEST_GAP_DEGREES = 90.0  # between neighbouring cameras, seen from the centre, of a capture all around
 
 QUANTILES = torch.tensor((0.1, 0.5, 0.9))  # of the depths that a view sees
@@ -26,14 +29,16 @@ Depths = Float[Tensor, "view 3"]  # QUANTILES of the depths that each view sees,
 
 
 def between(cameras: Cameras, count: int) -> Cameras:
-    """Return `count` cameras that pass through all cameras of one scene, at equal steps from camera to camera.
+    """Return `count` cameras that pass through all cameras of one scene, so that pictures change at an even pace.
 
-    Cameras are ordered by nearest neighbours from one end. Positions follow a Catmull-Rom spline (Catmull and Rom, "A
-    class of local interpolating splines", 1974). A rotation is the one nearest to the weighted mean of two matrices.
+    Positions follow a Catmull-Rom spline (Catmull and Rom, "A class of local interpolating splines", 1974). A rotation
+    is the one nearest to the weighted mean of two matrices.
     """
-    order = _nearest_neighbour_order(cameras.extrinsics[:, :3, 3])
+    change = _change_of_picture(cameras)
+    order = _least_change(change)
     ordered = cameras.select(order)
-    times = torch.linspace(0, len(order) - 1, count).tolist()
+    passed = [0.0, *accumulate(float(change[one, other]) for one, other in pairwise(order))]
+    times = np.interp(np.linspace(0, passed[-1], count), passed, range(len(order))).tolist()
     rotations, centres = ordered.extrinsics[:, :3, :3], ordered.extrinsics[:, :3, 3]
     poses = [_pose(_nearest_rotation(_mixed(rotations, time)), _catmull_rom(centres, time)) for time in times]
     intrinsics = [_mixed(ordered.intrinsics, time) for time in times]
@@ -121,14 +126,25 @@ def _closed_path(cameras: Cameras, count: int, pose_at: Callable[[float], Pose])
     return replace(cameras, extrinsics=poses, intrinsics=cameras.intrinsics.mean(dim=0).expand(count, -1, -1))
 
 
-def _nearest_neighbour_order(centres: Float[Tensor, "view 3"]) -> list[int]:
-    """Return the indices of the views from one end, each followed by the nearest remaining view."""
-    distance = torch.cdist(centres, centres)
-    order = [int(distance.sum(dim=1).argmax())]
-    while len(order) < len(centres):
-        others = [view for view in range(len(centres)) if view not in order]
-        order.append(min(others, key=lambda view: float(distance[order[-1], view])))
-    return order
+def _change_of_picture(cameras: Cameras) -> Float[Tensor, "view view"]:
+    """Return about the angle, in radians, by which what two cameras see moves: their turn, and shift over its depth."""
+    turned = cameras.extrinsics[:, None, :3, :3].mT @ cameras.extrinsics[:, :3, :3]
+    cosine = (turned.diagonal(dim1=-2, dim2=-1).sum(dim=-1) - 1) / 2
+    centres = cameras.extrinsics[:, :3, 3]
+    shift = torch.cdist(centres, centres) * (1 / cameras.near + 1 / cameras.far) / 2
+    return LEAST_CHANGE + torch.arccos(cosine.clamp(-1, 1)) + shift
+
+
+def _least_change(change: Float[Tensor, "view view"]) -> list[int]:
+    """Return the order of least change: the given one, or from one view always to the nearest that remains."""
+    orders = [list(range(len(change)))]
+    for first in range(len(change)):
+        order = [first]
+        while len(order) < len(change):
+            others = [view for view in range(len(change)) if view not in order]
+            order.append(min(others, key=lambda view: float(change[order[-1], view])))
+        orders.append(order)
+    return min(orders, key=lambda order: sum(float(change[one, other]) for one, other in pairwise(order)))
 
 
 def _mixed(values: Float[Tensor, "view *shape"], time: float) -> Float[Tensor, "*shape"]:

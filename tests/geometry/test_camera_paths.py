@@ -66,6 +66,16 @@ def test_between_passes_through_every_camera_in_order() -> None:
     torch.testing.assert_close(visited, expected, atol=1e-5, rtol=0)
 
 
+def test_between_turns_at_an_even_pace_and_never_to_and_fro() -> None:
+    """Cameras turn while they walk; those at one end are near each other and look elsewhere."""
+    walk = ring(8, math.pi)
+    walk.extrinsics[4:, :3, 3] = walk.extrinsics[4, :3, 3] + 0.01 * walk.extrinsics[4:, :3, 2]
+    path = between(walk.select([5, 2, 0, 7, 1, 4, 6, 3]), 57)
+    turns = (path.extrinsics[1:, :3, 2] * path.extrinsics[:-1, :3, 2]).sum(dim=1).clamp(max=1).acos().rad2deg()
+    assert float(turns.sum()) == pytest.approx(180 * 7 / 8, abs=1)
+    assert float(turns.max()) < 2.5 * float(turns.mean())
+
+
 def test_orbits() -> None:
     path, note = camera_path("orbit", ring(8, 2 * math.pi), 36, torch.zeros(1, 3))
     assert note is None
