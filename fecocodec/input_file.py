@@ -22,10 +22,13 @@ _CHUNK = 1 << 20  # bytes of a file that are digested at once
 def require_regular_file(path: Path) -> None:
     """Check that a path is a regular file of at most MAX_FILE_BYTES, without opening it (a pipe would block).
 
-    Raises InputError for a device, a pipe or a file that is too long; OSError if the path does not exist, is a folder,
-    or is not accessible.
+    Raises InputError for a device, a pipe, a file that is too long, and a name that no file can have; OSError if the
+    path does not exist, is a folder, or is not accessible.
     """
-    found = os.stat(path)
+    try:
+        found = os.stat(path)
+    except ValueError as error:  # a zero byte, or half of a character
+        raise InputError(f"{path}: no file can have such a name ({error}); correct the name.") from error
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(found.st_mode):

@@ -192,6 +192,7 @@ def _find_all(listed: _Listings, folder: Path, names: Sequence[str], wanted: lis
     """Return the file of each name: the one at the longest end of its path. Names that share a file have none."""
     paths = [
         _existing(name)
+        or _called(listed, folder, name)
         or next((path for start in range(len(parts)) if (path := listed.find(folder, parts[start:]))), None)
         for name, parts in zip(names, wanted, strict=True)
     ]
@@ -210,6 +211,12 @@ def _existing(name: str) -> Path | None:
         return Path(name) if os.path.isabs(name) and os.path.isfile(name) else None
     except (OSError, ValueError):
         return None
+
+
+def _called(listed: _Listings, folder: Path, name: str) -> Path | None:
+    """Return the file of exactly this name, if it has backslashes, as of an archive that was unpacked elsewhere."""
+    path = folder / name
+    return path if "\\" in name and path.name in listed[path.parent].files else None
 
 
 def parts_of(name: str) -> Parts:
@@ -245,4 +252,4 @@ def _remarks(
 def _is_called(path: Path, folder: Path, parts: Parts, name: str) -> bool:
     """Return whether an image has the name that its camera gives, with or without suffix."""
     named = folder.joinpath(*parts)
-    return "\\" not in name and named in (path, path.with_name(_stem(path.name)))
+    return path == folder / name or ("\\" not in name and named in (path, path.with_name(_stem(path.name))))

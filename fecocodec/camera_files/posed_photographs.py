@@ -84,7 +84,7 @@ def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraRea
     found = dict[str, Path]()
     for name, path, (place, read) in zip(images.names, images.paths, cameras, strict=True):
         photograph = replace(_checked(path, place, read), name=name)
-        file = os.path.realpath(path)
+        file = _file_of(path) or str(path)
         if file in found and not photograph.problem and os.path.isfile(path):
             problem = (
                 f"{place}: another frame has this image, too, and its camera is used; name the image of each with its "
@@ -96,8 +96,18 @@ def photographs_of(images: MatchedImages, cameras: Iterable[tuple[str, CameraRea
     return photographs
 
 
+def _file_of(path: Path) -> str | None:
+    """Return the path without links; None for a name that no file can have."""
+    try:
+        return os.path.realpath(path)
+    except ValueError:
+        return None
+
+
 def _checked(path: Path, place: str, read: CameraReader) -> PosedPhotograph:
     try:
+        if _file_of(path) is None:
+            raise InputError(f"{place}: no file can have the name of its image; correct the name.")
         photograph = read(path, place)
         rigid_pose(photograph.camera_to_world, place)
         if photograph.declared_size:

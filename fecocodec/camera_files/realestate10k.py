@@ -19,6 +19,7 @@ from fecocodec.input_file import read_text
 from fecocodec.photographs.lens import Lens, require_representable
 
 _COLUMNS = 19
+_MOST_PRINCIPAL_POINT = 4.0  # image sides; more are pixels
 _LONGEST_LINE = 1 << 16  # characters
 
 
@@ -52,6 +53,11 @@ def _photograph(words: list[str], image: Path, place: str) -> PosedPhotograph:
     fx, fy, cx, cy, *reserved = (float(value) for value in values[:6])
     if fx <= 0 or fy <= 0:
         raise InputError(f"{place}: the focal length is not positive; export the cameras again.")
+    if max(cx, cy) > _MOST_PRINCIPAL_POINT:
+        raise InputError(
+            f"{place}: fx, fy, cx, cy are fractions of the image's width and height here, and {fx:g} {fy:g} {cx:g} "
+            f"{cy:g} are pixels; divide them by width and height."
+        )
     require_representable(_lens(fx, fy, cx, cy, 1, 1), place)
     if any(reserved):
         raise InputError(f"{place}: columns 6 and 7 are not 0 0, and distortion is not defined here; undistort first.")

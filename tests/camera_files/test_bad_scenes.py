@@ -342,6 +342,7 @@ def test_a_table_of_colmap(table: str, change: Callable[[str], str], cause: str,
         (3, "nan", "a camera value is NaN or infinite"),
         (1, "-0.5", "the focal length is not positive"),
         (5, "0.1", "columns 6 and 7 are not 0 0"),
+        (slice(1, 5), "220 220 48 40", "fx, fy, cx, cy are fractions of the image's width and height here, and 220 "),
         (8, "text", "18 numbers expected"),
         (slice(4, None), "", "4 columns found, 19 expected; export the cameras again."),
         (slice(7, None), " ".join(12 * ["1e+308"]), "the pose is singular"),
@@ -361,7 +362,8 @@ def test_broken_line_in_realestate10k(column, value, cause, tmp_path):
 def test_names_that_no_image_has(name, scene):
     with edited(scene) as cameras:
         cameras["frames"][1]["file_path"] = name
-    assert str(scene) in message(scene, views=(1,))
+    assert "frame 1" in message(scene, views=(1,))
+    assert choose_photographs(scene, views=(0,)).names == ("000.png",)
 
 
 @pytest.mark.parametrize("focal", [1e308, 1e9, 1e-9])

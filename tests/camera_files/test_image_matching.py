@@ -201,6 +201,17 @@ def test_spaces_are_kept(write: Write, tmp_path: Path) -> None:
     assert chosen.names == ("my  photo 000.png", "my  photo 001.png")
 
 
+@pytest.mark.parametrize("write", NAMED_BY_FILE)
+def test_a_backslash_can_belong_to_a_name(write: Write, tmp_path: Path) -> None:
+    """So it does where an archive of Windows was unpacked elsewhere."""
+    folder = write(tmp_path / "scene", shots(2))
+    for name in ("000.png", "001.png"):
+        image = image_of(folder, name)
+        image.rename(image.with_name(f"s\\{name}"))
+    rename_in_cameras(folder, lambda name: f"s\\{name}")
+    assert assert_all_found(folder).names == ("s\\000.png", "s\\001.png")
+
+
 def test_a_mask_beside_the_camera_file_of_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The folder `.` has no name."""
     folder = write_transforms(tmp_path, shots(2))

@@ -76,6 +76,11 @@ def test_masks_that_are_named_are_found_as_photographs_are(named, tmp_path):
     assert torch.equal(read(folder, views=(0,)).ignored[0], left_half(80, 96))
     with pytest.raises(InputError, match=r"001\.png: no such image"):
         read(folder, views=(1,))
+    for name in ("m\0.png", "m\ud83d.png"):
+        scene["frames"][1]["mask_path"] = name
+        (folder / "transforms.json").write_text(json.dumps(scene))
+        with pytest.raises(InputError, match="no file can have such a name"):
+            read(folder, views=(1,))
     scene["frames"][1]["mask_path"] = 1
     (folder / "transforms.json").write_text(json.dumps(scene))
     with pytest.raises(InputError, match=r"frame 1 \(.*\): `mask_path` is not text; name the mask of this image"):
