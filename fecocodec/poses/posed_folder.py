@@ -17,7 +17,7 @@ from fecocodec.geometry.depth_bounds import bounds_of_depths
 from fecocodec.photographs.image_headers import conversion_advice, is_misnamed, read_image_size
 from fecocodec.photographs.lens import Lens
 from fecocodec.poses.estimated_cameras import EstimatedCamera, ImageGroup, Reconstruction
-from fecocodec.poses.pose_estimation import LEAST_ANGLE, LEAST_MATCHES, LEAST_POINTS, reconstruct
+from fecocodec.poses.pose_estimation import LEAST_POINTS, reconstruct
 from fecocodec.poses.pose_warnings import reliability_warnings
 from fecocodec.poses.unposed_photographs import (
     MAX_PHOTOGRAPHS,
@@ -28,6 +28,7 @@ from fecocodec.poses.unposed_photographs import (
     upright_copies,
     upright_masks,
 )
+from fecocodec.poses.usable_estimate import require_usable
 
 _BYTES_OF_FEATURES = 3 << 20  # of a photograph: 8192 features and their matches in the database
 _MANY_MATCHES = 30  # of a pair; such pairs are counted in a note
@@ -39,7 +40,6 @@ _UNMATCHED = ": no matches with another photograph; take it again with more over
 _SCARCE = ", with {} points whose position the others determine; add photographs that show the same parts (a camera "
 _SCARCE += f"needs {LEAST_POINTS} such points)"
 _MISFIT = ": no camera fits the {} points whose position the others determine; something moved, or parts look alike"
-_REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def posed_folder(
     Photographs that cannot be registered are left out, with a warning. num_threads: -1 for all cores. name: of the
     input in messages, by default the folder. focal_px: known focal length in pixels of the photographs, None to
     estimate it. has_masks: leave out features in what masks mark; the scene folder then has upright masks, too.
-    Raises InputError if fewer than two photographs can be registered, all are taken from one position, or pycolmap is
+    Raises InputError if fewer than two photographs can be registered, their cameras are not usable, or pycolmap is
     missing, OutputError if the disk of the temporary folder is full.
     """
     photographs, notes = _chosen(folder, name or str(folder))
@@ -89,7 +89,7 @@ def posed_folder(
         workspace.mkdir()
         require_space(root, _BYTES_OF_FEATURES * len(photographs))
         reconstruction = reconstruct(root, groups, workspace, num_threads, masks)
-        _require_cameras(name or str(folder), reconstruction)
+        require_usable(name or str(folder), reconstruction, is_focal_given=focal_px is not None)
         for path in set(root.iterdir()) - {
             workspace,
             masks,
@@ -141,32 +141,6 @@ def _unread(folder: Path) -> list[str]:
 
 def _listed(paths: list[Path]) -> str:
     return f"{some_of([path.name for path in paths])} {'is' if len(paths) == 1 else 'are'}"
-
-
-def _require_cameras(name: str, found: Reconstruction) -> None:
-    """Raise InputError if the reconstruction is not usable."""
-    if found.is_turned:
-        raise InputError(
-            f"{name}: the photographs seem to be taken from one position (a turn of the camera explains their "
-            "matches), so depth is unknown; move the camera sideways between photographs."
-        )
-    if len(found.cameras) < 2:
-        raise InputError(f"{name}: no camera poses can be estimated ({_obstacle(found)}); {_REMEDY}.")
-    if found.angle < LEAST_ANGLE:
-        raise InputError(
-            f"{name}: the photographs seem to be taken from one position (median angle between rays "
-            f"{found.angle:.2f} degrees), so depth is unknown; move the camera sideways between photographs."
-        )
-
-
-def _obstacle(found: Reconstruction) -> str:
-    """Return why no pair of photographs can be reconstructed."""
-    if not found.matches:
-        return "no two photographs have matches"
-    most, (first, second) = max((count, pair) for pair, count in found.matches.items())
-    if most < LEAST_MATCHES:
-        return f"{first} and {second} have the most matches, {most}, but {LEAST_MATCHES} are needed"
-    return "the matches do not determine camera positions, as if the camera only turned"
 
 
 def _of_photograph(camera: EstimatedCamera, path: Path) -> EstimatedCamera:

@@ -29,10 +29,11 @@ from fecocodec.poses.estimated_cameras import (
     rotation_angle,
 )
 from fecocodec.poses.pose_warnings import reliability_warnings
-from fecocodec.poses.posed_folder import _left_out, _obstacle, _of_photograph, posed_folder
+from fecocodec.poses.posed_folder import _left_out, _of_photograph, posed_folder
 from fecocodec.poses.pycolmap_matching import read_points
 from fecocodec.poses.pycolmap_steps import refine
 from fecocodec.poses.unposed_photographs import upright_copies, upright_masks
+from fecocodec.poses.usable_estimate import obstacle, require_usable
 from tests.poses.made_up_cameras import camera
 
 pycolmap = pytest.importorskip("pycolmap")
@@ -436,7 +437,7 @@ def test_looser_attempts_follow_until_most_matches_are_explained(tmp_path, monke
     ],
 )
 def test_why_nothing_is_estimated_is_said(matches: dict[tuple[str, str], int], reason: str) -> None:
-    assert _obstacle(Reconstruction((), 0.0, 0.0, matches, None)) == reason
+    assert obstacle(Reconstruction((), 0.0, 0.0, matches, None)) == reason
 
 
 def test_features_under_masks_are_not_used(tmp_path):
@@ -515,3 +516,17 @@ def test_why_a_photograph_is_left_out_is_said() -> None:
     (single,) = _left_out([Path(name) for name in "01e"], found)
     assert single.startswith("e is left out, with no points whose position the others determine; add photographs")
     assert _left_out([Path(name) for name in "01"], found) == []
+
+
+def test_a_lens_without_inverse_is_an_estimate_that_failed() -> None:
+    """One usable photograph is too few; others of another lens are left out later."""
+    wrong, right = Lens(640, 480, 517.0, 517.0, 320.0, 240.0, (-3.0,)), Lens(640, 480, 517.0, 517.0, 320.0, 240.0)
+    cameras = [camera(name, wrong if name == "a" else right, (turn, 0.0, 0.0)) for turn, name in enumerate("abc")]
+    require_usable("photos", Reconstruction(tuple(cameras), 0.02, 3.7, {}, None))
+    failed = Reconstruction(tuple(cameras[:2]), 0.02, 3.7, {}, None)
+    with pytest.raises(
+        InputError, match=r"photos: the cameras that .* wrong .* give their focal length by `focal_px`, or"
+    ):
+        require_usable("photos", failed)
+    with pytest.raises(InputError, match="with texture, or give known cameras"):
+        require_usable("photos", failed, is_focal_given=True)
