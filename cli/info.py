@@ -113,7 +113,11 @@ def print_summary(summary: StreamSummary) -> None:
             *([] if summary.covered is None else [("covered", f"{100 * summary.covered:.1f}% of the views")]),
             ("size", f"{summary.total_bytes:,} bytes, {summary.bits_per_pixel:.4f} bits per pixel"),
             *_described(summary.metadata),
-            ("decoding", f"{header.num_pixels:,} pixels in all, about {decoding_gib(header):.1f} GiB of memory"),
+            (
+                "decoding",
+                f"{header.num_pixels:,} pixels in all (sides rounded to multiples of 32), about "
+                f"{decoding_gib(header):.1f} GiB of memory",
+            ),
         ]
     )
     rows = [

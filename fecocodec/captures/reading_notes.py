@@ -18,6 +18,7 @@ from fecocodec.photographs.lens import Lens
 from fecocodec.photographs.pillow_images import gamma_with_pillow, has_several_pictures
 
 LEAST_KEPT_SHARE = 0.75  # of a photograph's area, after the centre crop
+_EQUAL_SHARE = 0.005  # smaller differences are not told
 LARGEST_FOCAL = 2.5  # in image sides; a field of view of 23 degrees
 LARGEST_FOCAL_WITHOUT_SIZE = 1.5  # 37 degrees; twice the focal length of a phone exceeds it
 MOST_NAMED = 20  # photographs in one note
@@ -40,9 +41,11 @@ def framing_notes(lenses: list[tuple[Lens, Lens]], names: list[str], size: tuple
     if least < LEAST_KEPT_SHARE:
         worst = shares.index(least)
         lens, _ = lenses[worst]
+        alike = sum(share < least + _EQUAL_SHARE for share in shares) - 1
+        others = f" and of {alike} other{'' if alike == 1 else 's'}" if alike else ""
         notes.append(
             f"the crop to {size[1]}x{size[0]} leaves {100 * least:.0f}% of {names[worst]} "
-            f"({lens.width}x{lens.height}); choose a `size` of the photographs' shape to keep more."
+            f"({lens.width}x{lens.height}){others}; choose a `size` of the photographs' shape to keep more."
         )
     return notes
 

@@ -71,10 +71,15 @@ def spare_for_checks(
     needed = 0 if is_named else views.count if isinstance(views, Spread) else 2
     spare = max(0, count - needed)
     if num_checks is not None and num_checks > spare:
-        raise InputError(
-            f"{folder}: {num_checks} checks asked for, but {spare} photographs can be left for them; change `checks`."
-        )
+        them = "it" if num_checks == 1 else "them"
+        raise InputError(f"{folder}: {too_few(num_checks, 'check', spare)} can be left for {them}; change `checks`.")
     return spare
+
+
+def too_few(asked_for: int, kind: str, count: int) -> str:
+    """Return the beginning of a sentence: so many of a kind are asked for, but `count` photographs."""
+    found = f"{count or 'no'} photograph{'' if count < 2 else 's'}"
+    return f"{asked_for} {kind}{'' if asked_for == 1 else 's'} asked for, but {found}"
 
 
 def _grown(scene: PosedPhotographs, count: int, least_overlap: float) -> list[int]:

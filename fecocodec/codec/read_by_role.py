@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from fecocodec.camera_files.posed_photographs import PosedPhotographs
 from fecocodec.captures.chosen_photographs import ChosenPhotographs, framed
 from fecocodec.captures.reading_notes import scaling_remark, unposed_notes
+from fecocodec.captures.view_selection import Spread
+from fecocodec.captures.view_spread import too_few
 from fecocodec.codec.guide_choice import TOO_FAR, shown_note
 from fecocodec.codec.messages import Messages
 from fecocodec.codec.options import EncodingOptions
@@ -37,6 +39,8 @@ def read_by_role(
     messages.warn(*roles.warnings)
     for sentence in roles.omissions:
         messages.omit(sentence)
+    if isinstance(options.guides, Spread) and len(roles.guides) < options.guides.count:
+        messages.note(f"{too_few(options.guides.count, 'guide', len(roles.guides))} can guide.")
     chosen = _framed(scene, roles, options, messages)
     if shares:
         messages.note(shown_note(len(roles.context), shares, roles.unused.get(TOO_FAR, ())))

@@ -15,13 +15,14 @@ from fecocodec.container.header import (
 from fecocodec.errors import BitstreamError
 
 SIGNATURE = b"\x89FCS\r\n\x1a\n"
+_OF_GAUSSIANS = "; of Gaussians, fecosplat view reads .ply and .spz files"
 # What is given in place of a .fcs file, how it begins, and what reads it.
 _OTHER_FORMATS = (
     ("a .ply file", b"ply", "; fecosplat view and fecosplat render read .ply files"),
     ("an .spz file", b"NGSP", "; fecosplat view reads .spz files"),
     ("an .spz file, or another one compressed with gzip", b"\x1f\x8b", "; fecosplat view reads .spz files"),
-    ("a .glb file", b"glTF", ""),
-    ("a .sog file, or another ZIP archive", b"PK\x03\x04", ""),
+    ("a .glb file", b"glTF", _OF_GAUSSIANS),
+    ("a .sog file, or another ZIP archive", b"PK\x03\x04", _OF_GAUSSIANS),
     ("a page (HTML)", b"<!DOCTYPE html", ""),
     ("a JPEG image", b"\xff\xd8\xff", "; it reads folders of photographs"),
 )

@@ -35,11 +35,11 @@ _MANY_MATCHES = 30  # of a pair; such pairs are counted in a note
 # Widens the bounds of depth on both sides: surfaces without texture, or in only one photograph, have no points.
 _DEPTH_MARGIN = 1.3
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-# Why a photograph has no camera, after "left out"; its number of points.
-_UNMATCHED = ": no matches with another photograph; take it again with more overlap"
-_SCARCE = ", with {} points whose position the others determine; add photographs that show the same parts (a camera "
+# Why photographs have no camera, after "left out": of their number of points, and "it" or "them".
+_UNMATCHED = ": no matches with another photograph; take {1} again with more overlap"
+_SCARCE = ", with {0} points whose position the others determine; add photographs that show the same parts (a camera "
 _SCARCE += f"needs {LEAST_POINTS} such points)"
-_MISFIT = ": no camera fits the {} points whose position the others determine; something moved, or parts look alike"
+_MISFIT = ": no camera fits the {0} points whose position the others determine; something moved, or parts look alike"
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,8 @@ def _left_out(photographs: list[Path], found: Reconstruction) -> list[str]:
     for reason, paths in groups.items():
         counts = sorted({found.reached.get(path.name, 0) for path in paths}) or [0]
         points = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else str(counts[0] or "no")
-        warnings += [f"{_listed(paths)} left out{reason.format(points)}."] if paths else []
+        them = "it" if len(paths) == 1 else "them"
+        warnings += [f"{_listed(paths)} left out{reason.format(points, them)}."] if paths else []
     return warnings
 
 

@@ -20,7 +20,7 @@ LEAST_LEFT_OUT_PSNR = 17.0
 LARGEST_GAP, LEAST_COMPARED = 6.0, 3
 # The last advice, as most cameras are right: of cameras that were given, and of those estimated from the photographs.
 CHECK_CAMERAS = "check that each camera belongs to its photograph"
-TAKE_AGAIN = "take photographs that overlap more, as their cameras were estimated"
+TAKE_AGAIN = "take photographs that overlap more (the estimated cameras may be wrong)"
 LEAST_NEW_PSNR = 20.0  # dB, mean of photographs that were not used, below which `new_view_warnings` calls them poor
 
 
@@ -135,7 +135,8 @@ def new_view_warnings(
     """
     if quality.psnr >= LEAST_NEW_PSNR:
         return ()
-    worst = quality.worst_view
+    worst = names[quality.worst_view]
+    measured = worst if len(names) == 1 else f"worst {worst}, {min(quality.psnr_of_view):.1f} dB"
     advice = _other_effort(effort) if effort == "fast" else []
     advice.append("add photographs between the coded ones")
     if num_coded >= MAX_VIEWS:
@@ -144,8 +145,8 @@ def new_view_warnings(
         advice.append("code more of them by `views`")
     advice.append(_on_cameras(are_estimated))
     return (
-        f"new views are poor, with a PSNR of {quality.psnr:.1f} dB, measured on {photographs(len(names))} (worst "
-        f"{names[worst]}, {quality.psnr_of_view[worst]:.1f} dB); {_either(advice)}.",
+        f"new views are poor, with a PSNR of {quality.psnr:.1f} dB, measured on {photographs(len(names))} "
+        f"({measured}); {_either(advice)}.",
     )
 
 

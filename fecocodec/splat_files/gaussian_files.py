@@ -68,9 +68,11 @@ def writer_of(path: Path) -> Any:
     try:
         return import_module(f"{__package__}.{file_format.module}")
     except ModuleNotFoundError as error:
-        library = {"PIL": "pillow"}.get(error.name or "", error.name)
+        library = {"PIL": "pillow"}.get(error.name or "", str(error.name))
+        needed = "pillow and scipy" if library in ("pillow", "scipy") else library
         raise OutputError(
-            f"{path}: {file_format.ending} files need {library}, which is not installed; run pip install {library}."
+            f"{path}: {file_format.ending} files need {needed}, and {library} is not installed; run pip install "
+            f"{needed.replace(' and ', ' ')}."
         ) from error
 
 

@@ -328,7 +328,8 @@ def test_damaged_exif_data_have_no_orientation(tmp_path):
 def test_a_crop_of_more_than_a_quarter_is_noted(tmp_path):
     folder = write_transforms(tmp_path, shots(2, width=144, height=80))
     assert read(folder, size=(64, 80)).notes == (
-        "the crop to 80x64 leaves 69% of 000.png (144x80); choose a `size` of the photographs' shape to keep more.",
+        "the crop to 80x64 leaves 69% of 000.png (144x80) and of 1 other; choose a `size` of the photographs' shape to "
+        "keep more.",
     )
     assert read(folder, size=(64, 96)).notes == ()
 

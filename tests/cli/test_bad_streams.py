@@ -75,6 +75,9 @@ def test_an_endless_device_is_refused_by_its_beginning(fecosplat, output: Path) 
     assert_refused(result, output, "/dev/zero: not a .fcs file: its signature at byte 0 is 00 00 00 00 00 00 00 00...")
 
 
+OF_GAUSSIANS = "; of Gaussians, fecosplat view reads .ply and .spz files"
+
+
 @pytest.mark.parametrize(
     ("start", "kind", "readers"),
     [
@@ -85,8 +88,8 @@ def test_an_endless_device_is_refused_by_its_beginning(fecosplat, output: Path) 
             "an .spz file, or another one compressed with gzip",
             "; fecosplat view reads .spz files",
         ),
-        (b"glTF\2\0\0\0", "a .glb file", ""),
-        (b"PK\3\4\0\0\0\0", "a .sog file, or another ZIP archive", ""),
+        (b"glTF\2\0\0\0", "a .glb file", OF_GAUSSIANS),
+        (b"PK\3\4\0\0\0\0", "a .sog file, or another ZIP archive", OF_GAUSSIANS),
         (b"<!DOCTYPE html>", "a page (HTML)", ""),
         (b"\xff\xd8\xff\xe0\0\x10JF", "a JPEG image", "; it reads folders of photographs"),
     ],

@@ -162,6 +162,8 @@ def test_what_helps_new_views_fits_the_case() -> None:
     assert new_view_warnings(poor, names, 16, True) == (
         f"{start}{between}, encode a smaller part of the scene, as a file holds at most 16 coded views, {check}",
     )
+    (of_one,) = new_view_warnings(DecodedQuality((19.4,)), ("a.png",), 4, False)
+    assert "19.4 dB, measured on one photograph that was not used (a.png); add photographs" in of_one
 
 
 def test_a_view_that_is_far_worse_than_the_others_is_named() -> None:
@@ -183,7 +185,7 @@ def test_nobody_is_asked_to_check_cameras_that_were_estimated() -> None:
         *left_out_warnings(LeftOutQuality({0: 14.0, 1: 14.5}, 0.6), names, are_estimated=True),
         *left_out_warnings(LeftOutQuality({0: 24.0, 1: 24.0, 2: 12.0}, 0.6), names, are_estimated=True),
     )
-    of_scene = "or take photographs that overlap more, as their cameras were estimated."
+    of_scene = "or take photographs that overlap more (the estimated cameras may be wrong)."
     of_view = "add photographs beside it, or leave it out by `views`."
     ends = (of_scene, of_scene, of_view, of_scene, of_view)
     assert all(sentence.endswith(end) for sentence, end in zip(found, ends, strict=True))

@@ -49,7 +49,10 @@ def test_what_decoding_takes_and_detail_are_said(fecosplat, stream_file: Path) -
     with_detail = Path(__file__).parents[2] / "bitstream_spec/vectors/valid/detail-of-one-stage.fcs"
     assert sentence in fecosplat("info", with_detail).out
     assert sentence not in fecosplat("info", stream_file).out
-    assert "229,376 pixels in all, about 0.5 GiB of memory" in fecosplat("info", stream_file).out
+    assert (
+        "229,376 pixels in all (sides rounded to multiples of 32), about 0.5 GiB of memory"
+        in fecosplat("info", stream_file).out
+    )
     decoding = json.loads(fecosplat("info", stream_file, "--json").out)["decoding"]
     assert decoding["pixels"] == 2 * 256 * 448
 

@@ -118,6 +118,21 @@ def test_strict_raises_the_first_warning_and_measures(folder: Path, options: Enc
     assert str(refused.value) == f"{folder}: {first.removesuffix('.')} (`strict` makes this warning an error)."
 
 
+def test_guides_that_cannot_be_had_are_said(folder: Path, options: EncodingOptions, monkeypatch) -> None:
+    def stop(*_arguments: object, **_options: object) -> bytes:
+        raise InputError("the encoder was started.")
+
+    monkeypatch.setattr("fecocodec.codec.encode_views.encode", stop)
+    notes: list[str] = []
+    for count in (1, 3):
+        with pytest.raises(InputError, match="was started"):
+            encode_folder(folder, replace(options, views=None, guides=Spread(count)), on_note=notes.append)
+    assert notes == [
+        "1 guide asked for, but no photograph can guide.",
+        "3 guides asked for, but no photograph can guide.",
+    ]
+
+
 @pytest.mark.parametrize(("option", "value"), [("num_frames", 8), ("focal_px", 100.0)])
 def test_options_for_another_kind_of_input_are_refused(folder: Path, option: str, value: float) -> None:
     with pytest.raises(OptionError, match=r"`frames` is for a video|`focal_px` is for photographs without cameras"):
@@ -183,7 +198,7 @@ def test_a_choice_that_cannot_be_is_refused_before_cameras_are_estimated(folder,
     count = len(list(without_cameras.rglob("*.png")))
     for options, sentence in (
         (EncodingOptions(views=Spread(count + 1)), f"{count + 1} views asked for, but the folder has {count}; "),
-        (EncodingOptions(num_checks=20), f"20 checks asked for, but {count - 2} photographs can be left for them; "),
+        (EncodingOptions(num_checks=20), "20 checks asked for, but no photograph can be left for them; "),
         (EncodingOptions(views=("none.png",)), "no view is called none.png "),
         (EncodingOptions(guides=(99,)), "there is no view 99; "),
     ):

@@ -66,6 +66,8 @@ def test_checks_are_one_in_ten_and_spread_over_the_poses(walk: MakeWalk) -> None
         choose_roles(walk(8), FOLDER, Spread(4), num_checks=5)
     with pytest.raises(InputError, match="6 checks asked for, but 5 photographs"):
         choose_roles(walk(7), FOLDER, (0, 1), num_checks=6)
+    with pytest.raises(InputError, match="1 check asked for, but no photograph can be left for it"):
+        choose_roles(walk(2), FOLDER, num_checks=1)
 
 
 def test_candidates_lie_far_apart_and_those_between_them_guide(walk: MakeWalk) -> None:

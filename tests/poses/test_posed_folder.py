@@ -515,6 +515,8 @@ def test_why_a_photograph_is_left_out_is_said() -> None:
     ]
     (single,) = _left_out([Path(name) for name in "01e"], found)
     assert single.startswith("e is left out, with no points whose position the others determine; add photographs")
+    (several,) = _left_out([Path(name) for name in "01df"], found)
+    assert several == "d, f are left out: no matches with another photograph; take them again with more overlap."
     assert _left_out([Path(name) for name in "01"], found) == []
 
 

@@ -65,7 +65,7 @@ def test_what_needs_more_names_what_to_install(tmp_path: Path) -> None:
         assert err.count("\n") == 1 and "pip install '.[sender]'" in err, err
     ((code, _, err),) = fecosplat(["decode", SCENE, "-o", tmp_path / "out.sog"])
     assert code == 1 and err.endswith(
-        "out.sog: .sog files need pillow, which is not installed; run pip install pillow.\n"
+        "out.sog: .sog files need pillow and scipy, and pillow is not installed; run pip install pillow scipy.\n"
     )
 
 

@@ -317,5 +317,7 @@ def test_spz_keeps_positions_in_any_unit(scale, tmp_path):
 def test_a_library_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "fecocodec.splat_files.sog", raising=False)
     monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(OutputError, match=r"\.sog files need pillow, which is not installed; run pip install pillow"):
+    with pytest.raises(
+        OutputError, match=r"\.sog files need pillow and scipy, and pillow is not .* pip install pillow scipy"
+    ):
         write_gaussians(tmp_path / "scene.sog", some_gaussians(8))
