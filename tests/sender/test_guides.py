@@ -89,7 +89,7 @@ def test_bits_go_from_latents_to_detail_where_enough_guides_judge_it(views: View
     plain, guided = (read_stream(encode(context, guides=of, effort=few_steps)) for of in (None, guides))
     assert guided.header.lambda_q == quantise_lambda(2.5e-3)
     assert plain.header.lambda_q == quantise_lambda(1e-3)
-    assert len(guided.payloads[1]) < len(plain.payloads[1])
+    assert sum(map(len, guided.payloads)) < sum(map(len, plain.payloads))
 
 
 @torch.no_grad()
