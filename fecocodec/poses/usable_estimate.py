@@ -2,7 +2,7 @@
 
 from fecocodec.errors import InputError
 from fecocodec.photographs.lens import undistorted
-from fecocodec.poses.estimated_cameras import Reconstruction
+from fecocodec.poses.estimated_cameras import EstimatedCamera, Reconstruction
 from fecocodec.poses.pose_estimation import LEAST_ANGLE, LEAST_MATCHES
 
 _REMEDY = "take photographs that overlap by more than half, from different positions, of a scene with texture"
@@ -22,7 +22,7 @@ def require_usable(name: str, found: Reconstruction, *, is_focal_given: bool = F
             f"{name}: the photographs seem to be taken from one position (median angle between rays "
             f"{found.angle:.2f} degrees), so depth is unknown; move the camera sideways between photographs."
         )
-    if len(_with_inverse(found)) < 2:
+    if sum(map(_has_inverse, found.cameras)) < 2:
         focal = "" if is_focal_given else ", give their focal length by `focal_px`"
         raise InputError(
             f"{name}: the cameras that were estimated from the photographs are wrong (their lens distortion has no "
@@ -30,16 +30,13 @@ def require_usable(name: str, found: Reconstruction, *, is_focal_given: bool = F
         )
 
 
-def _with_inverse(found: Reconstruction) -> list[str]:
-    """Return the names of the photographs whose estimated lens can be undistorted."""
-    names = []
-    for camera in found.cameras:
-        try:
-            undistorted(camera.lens, camera.name)
-        except InputError:
-            continue
-        names.append(camera.name)
-    return names
+def _has_inverse(camera: EstimatedCamera) -> bool:
+    """Return whether the estimated lens can be undistorted."""
+    try:
+        undistorted(camera.lens, camera.name)
+    except InputError:
+        return False
+    return True
 
 
 def obstacle(found: Reconstruction) -> str:

@@ -23,6 +23,7 @@ from fecocodec.sender.optimisation_config import OptimisationConfig
 from fecocodec.sender.references import Pictures, References
 from fecocodec.sender.scene_encoder import SceneEncoder
 from fecocodec.sender.stages import EstimatedLatent, LatentCoder, Optimise, StageInputs
+from fecocodec.sender.step_network import StepNetwork
 
 Latent = Float[Tensor, "view latent h8 w8"]
 # RMS of the first step, in quantisation steps and in units of y / gain. The larger of the two is used: the first limits
@@ -121,27 +122,35 @@ def proposer(
 
     features: F_k. sharpness: see `OptimisationConfig`.
     """
-    is_limited = encoder.num_views >= MANY_VIEWS
     network = encoder.codec.sender.steps
     if network is None:
-        return lambda slope, *_others: limited(-slope.gradient) if is_limited else -slope.gradient
-    if (sharp := encoder.codec.sender.sharp_steps) is not None:
-        network = network.blended(sharp, sharpness)
-    known = network.prepare(features, inputs.state)
+        propose: Propose = against_gradient
+    else:
+        if (sharp := encoder.codec.sender.sharp_steps) is not None:
+            network = network.blended(sharp, sharpness)
+        propose = _by_network(network, network.prepare(features, inputs.state), inputs.condition)
+    return _limited(propose) if encoder.num_views >= MANY_VIEWS else propose
 
+
+def _by_network(network: StepNetwork, known: Tensor, condition: RateCondition) -> Propose:
     @torch.no_grad()
     def propose(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
         seen = slope.gradient, slope.of_rate, y, previous, left, slope.errors
-        step: Tensor = network(*seen, known, inputs.condition)
-        return limited(step) if is_limited else step
+        step: Tensor = network(*seen, known, condition)
+        return step
 
     return propose
 
 
-def limited(step: Latent) -> Latent:
-    """Return the step, shortened where its RMS over the channels is above LONGEST_LOCAL_STEP."""
-    local = step.square().mean(dim=1, keepdim=True).sqrt()
-    return step * (LONGEST_LOCAL_STEP / local).clamp(max=1.0)
+def _limited(propose: Propose) -> Propose:
+    """Return the same proposals, shortened where their RMS over the channels is above LONGEST_LOCAL_STEP."""
+
+    def shortened(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
+        step = propose(slope, y, previous, left)
+        local = step.square().mean(dim=1, keepdim=True).sqrt()
+        return step * (LONGEST_LOCAL_STEP / local).clamp(max=1.0)
+
+    return shortened
 
 
 def against_gradient(slope: Slope, y: Tensor, previous: Tensor, left: float) -> Tensor:
